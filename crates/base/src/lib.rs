@@ -70,7 +70,7 @@ pub use radar_config::RadarConfig;
 pub use skeleton::{Joint, Motion, Pose, Skeleton};
 pub use static_cells::StaticCells;
 pub use surface::{Material, MovingSurface};
-pub use timeline::{RecordedFrame, Timeline, TimelineError};
+pub use timeline::{NumberClock, RecordedFrame, Timeline, TimelineError};
 
 /// Speed of light in vacuum, m/s (exact, SI).
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;

@@ -1,6 +1,8 @@
 //! Recorded frames with times, from time stamps or frame numbers. Frames can be resampled to another rate and
 //! accumulated over several frames.
 
+use std::collections::VecDeque;
+
 use crate::{BoardReport, PointFrame, RadarPoint};
 
 /// One frame as stored by a recorder, before it is assigned a time on the recording's clock.
@@ -64,34 +66,130 @@ const MAX_MENDED_STEP: u64 = 50;
 /// Largest step from the first number of a recording and to its last one, which have one neighbour: a minute at 10 frames/s.
 const MAX_END_STEP: u64 = 600;
 
-/// Replaces numbers that contradict both neighbours, where these two follow each other: one flipped bit would otherwise make
-/// a recording hours long, or reorder it. Returns how many.
-fn mend_numbers(numbers: &mut [u64]) -> u64 {
-    let mut n_mended = 0;
-    for i in 1..numbers.len().saturating_sub(1) {
-        let (before, next) = (numbers[i - 1], numbers[i + 1]);
-        let has_room = next
-            .checked_sub(before)
-            .is_some_and(|step| (2..=MAX_MENDED_STEP).contains(&step));
-        if has_room && !(before..=next).contains(&numbers[i]) {
-            numbers[i] = before + 1;
-            n_mended += 1;
+/// Gives frames that arrive one by one their times by the recorder's frame numbers: number n is at the time of n periods.
+///
+/// A number that contradicts both neighbours, where these two follow each other, is replaced: one flipped bit would otherwise
+/// make a recording hours long, or reorder it. A frame is therefore returned when the next one has arrived, and the first one
+/// when two have.
+#[derive(Clone, Debug)]
+pub struct NumberClock {
+    frame_rate_hz: f64,
+    /// Frames whose numbers are not certain yet, at most two. The number of the first one is mended already, unless it is the
+    /// first of the recording.
+    held: VecDeque<RecordedFrame>,
+    is_first: bool,
+    /// Number of the frame that was returned last, and its place on the clock.
+    last: Option<(u64, u64)>,
+    restarts: u64,
+    mended_numbers: u64,
+}
+
+impl NumberClock {
+    /// A clock that starts at 0 with the first frame.
+    ///
+    /// # Errors
+    /// [`TimelineError::Rate`].
+    pub fn new(frame_rate_hz: f64) -> Result<Self, TimelineError> {
+        check_frame_rate(frame_rate_hz)?;
+        Ok(Self {
+            frame_rate_hz,
+            held: VecDeque::new(),
+            is_first: true,
+            last: None,
+            restarts: 0,
+            mended_numbers: 0,
+        })
+    }
+
+    /// Frames per second.
+    pub fn frame_rate_hz(&self) -> f64 {
+        self.frame_rate_hz
+    }
+
+    /// Number of times that the frame number decreased up to now; see [`Timeline::restarts`].
+    pub fn restarts(&self) -> u64 {
+        self.restarts
+    }
+
+    /// Number of frames whose number was replaced up to now; see [`Timeline::mended_numbers`].
+    pub fn mended_numbers(&self) -> u64 {
+        self.mended_numbers
+    }
+
+    /// Takes the next frame and returns one whose time is certain.
+    ///
+    /// # Errors
+    /// [`TimelineError::TooLong`].
+    pub fn push(&mut self, frame: RecordedFrame) -> Result<Option<PointFrame>, TimelineError> {
+        if let [before, at] = self.held.make_contiguous() {
+            let step = frame.number.checked_sub(before.number);
+            let has_room = step.is_some_and(|step| (2..=MAX_MENDED_STEP).contains(&step));
+            if has_room && !(before.number..=frame.number).contains(&at.number) {
+                at.number = before.number + 1;
+                self.mended_numbers += 1;
+            }
+        }
+        self.held.push_back(frame);
+        match self.held.len() {
+            0..=2 => Ok(None),
+            _ => self.take(),
         }
     }
-    let is_far = |from: u64, to: u64| to.checked_sub(from).is_some_and(|step| step > MAX_END_STEP);
-    if let [first, next, ..] = numbers
-        && is_far(*first, *next)
-    {
-        *first = *next - 1;
-        n_mended += 1;
+
+    /// Returns one of the last frames after the end of the recording; `None` when all were returned.
+    ///
+    /// # Errors
+    /// [`TimelineError::TooLong`].
+    pub fn finish(&mut self) -> Result<Option<PointFrame>, TimelineError> {
+        // The last number has one neighbour: the frame before, unless that is the first one, whose number gives way.
+        if let [before, last] = self.held.make_contiguous()
+            && !self.is_first
+            && is_far(before.number, last.number)
+        {
+            last.number = before.number + 1;
+            self.mended_numbers += 1;
+        }
+        self.take()
     }
-    if let [.., before, last] = numbers
-        && is_far(*before, *last)
-    {
-        *last = *before + 1;
-        n_mended += 1;
+
+    /// The first of the held frames with its time.
+    fn take(&mut self) -> Result<Option<PointFrame>, TimelineError> {
+        let Some(mut frame) = self.held.pop_front() else {
+            return Ok(None);
+        };
+        if std::mem::take(&mut self.is_first)
+            && let Some(next) = self.held.front()
+            && is_far(frame.number, next.number)
+        {
+            frame.number = next.number - 1;
+            self.mended_numbers += 1;
+        }
+        let at = match self.last {
+            None => 0,
+            Some((number, at)) => match frame.number.checked_sub(number) {
+                Some(step) if step > 0 => at.saturating_add(step),
+                _ => {
+                    self.restarts += 1;
+                    at + 1
+                }
+            },
+        };
+        if at >= MAX_FRAMES {
+            return Err(TimelineError::TooLong(at));
+        }
+        self.last = Some((frame.number, at));
+        Ok(Some(PointFrame {
+            frame: at as u32,
+            time_s: at as f64 / self.frame_rate_hz,
+            points: frame.points,
+            board: frame.board,
+        }))
     }
-    n_mended
+}
+
+/// Whether a number is farther ahead than the first or the last number of a recording is.
+fn is_far(from: u64, to: u64) -> bool {
+    to.checked_sub(from).is_some_and(|step| step > MAX_END_STEP)
 }
 
 /// Estimates the frame rate from the steps between time stamps, s. If half of the other steps are similar to the median
@@ -145,39 +243,19 @@ impl Timeline {
     }
 
     fn by_number(frames: Vec<RecordedFrame>, frame_rate_hz: f64) -> Result<Self, TimelineError> {
-        check_frame_rate(frame_rate_hz)?;
-        let mut numbers: Vec<u64> = frames.iter().map(|frame| frame.number).collect();
-        let mended_numbers = mend_numbers(&mut numbers);
-        let mut out: Vec<PointFrame> = Vec::with_capacity(frames.len());
-        let mut restarts = 0;
-        let mut last: Option<(u64, u64)> = None;
-        for (frame, own) in frames.into_iter().zip(numbers) {
-            let at = match last {
-                None => 0,
-                Some((number, at)) => match own.checked_sub(number) {
-                    Some(step) if step > 0 => at.saturating_add(step),
-                    _ => {
-                        restarts += 1;
-                        at + 1
-                    }
-                },
-            };
-            if at >= MAX_FRAMES {
-                return Err(TimelineError::TooLong(at));
-            }
-            last = Some((own, at));
-            out.push(PointFrame {
-                frame: at as u32,
-                time_s: at as f64 / frame_rate_hz,
-                points: frame.points,
-                board: frame.board,
-            });
+        let mut clock = NumberClock::new(frame_rate_hz)?;
+        let mut timed = Vec::with_capacity(frames.len());
+        for frame in frames {
+            timed.extend(clock.push(frame)?);
+        }
+        while let Some(frame) = clock.finish()? {
+            timed.push(frame);
         }
         Ok(Self {
-            frames: out,
+            frames: timed,
             frame_rate_hz,
-            restarts,
-            mended_numbers,
+            restarts: clock.restarts,
+            mended_numbers: clock.mended_numbers,
         })
     }
 

@@ -28,6 +28,7 @@ mod model;
 mod model_args;
 mod output;
 mod person_report;
+mod progress;
 mod radar_file;
 mod recording_args;
 mod threads;

@@ -18,12 +18,14 @@ use crate::{
     error::{Error, Result},
     layout::open_samples,
     opened::{Opened, RecordingKind},
-    options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions, MAX_FRAMES},
+    options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions},
     points,
     radar::OpenedRadar,
     samples::SampleFrames,
 };
 
+/// Frames of an empty scene that are read at most: 17 minutes at 10 frames/s.
+const MAX_EMPTY_FRAMES: usize = 10_000;
 /// Residual above which the user is warned, in dB: that of the empty scene's own frames after subtraction.
 const UNSTEADY_DB: f64 = -20.0;
 
@@ -87,13 +89,23 @@ pub(crate) fn remove_background(
     };
     let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
     let n_removed = background.remove(frames);
-    notes.push(format!(
+    notes.push(about_background(&background, path, n_removed, n_points));
+    Ok(())
+}
+
+/// What the removal of an empty scene did.
+pub(crate) fn about_background(
+    background: &PointBackground,
+    path: &Path,
+    n_removed: usize,
+    n_points: usize,
+) -> String {
+    format!(
         "background: {} cells of {} frames of {}; {n_removed} of {n_points} points removed",
         background.n_cells(),
         background.n_frames,
         path.display()
-    ));
-    Ok(())
+    )
 }
 
 /// Learns the cells of the empty scene that the options name.
@@ -185,7 +197,7 @@ pub fn each_whole_frame(
 ) -> Result<usize> {
     let mut cube = CubeShape::of(radar).zeros()?;
     let mut n_damaged = 0;
-    for _ in 0..MAX_FRAMES {
+    for _ in 0..MAX_EMPTY_FRAMES {
         match frames.next_frame(&mut cube) {
             Ok(Some(integrity)) if integrity.is_complete() => {
                 each(&cube).map_err(|e| e.naming(path))?;

@@ -23,7 +23,7 @@
 //! ```
 //!
 //! Reading order: [`recording`] (any recording to points), [`opened`] (what a capture is), [`options`], [`radar`] (radar descriptions), [`points`]
-//! (formats of points), `visualizer` (folders of TI's visualizers), `ros2` (ROS 2 bags, feature `ros2`), [`samples`] and [`layout`] (raw samples),
+//! (formats of points), [`stream`] (points frame by frame), `placing` (mounting), `visualizer` (folders of TI's visualizers), `ros2` (ROS 2 bags, feature `ros2`), [`samples`] and [`layout`] (raw samples),
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
 //! [`serial`], [`udp`], [`http`] (a client), [`mod@live`] (radars while they run), [`error`].
 
@@ -42,12 +42,14 @@ pub mod live;
 mod npy_cubes;
 pub mod opened;
 pub mod options;
+pub mod placing;
 pub mod points;
 pub mod radar;
 pub mod recording;
 mod ros2;
 pub mod samples;
 pub mod serial;
+pub mod stream;
 pub mod udp;
 mod visualizer;
 
@@ -66,3 +68,4 @@ pub use radar::{
 pub use radarllm_formats::{DetectError, SampleFormat};
 pub use recording::{ExtractedPoints, Recording, SampleRecording, read_opened, read_recording};
 pub use samples::{SampleFiles, SampleFrames};
+pub use stream::{PointStream, StreamEnd};

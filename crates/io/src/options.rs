@@ -16,8 +16,8 @@ use crate::{
     radar::OpenedRadar,
 };
 
-/// Maximum number of radar frames simulated, or processed from raw samples, at once (about 17 minutes at 10 frames/s).
-pub const MAX_FRAMES: usize = 10_000;
+/// Maximum number of radar frames processed from raw samples: as many as a timeline has.
+pub const MAX_FRAMES: u64 = radarllm_base::timeline::MAX_FRAMES;
 /// Maximum number of frames accumulated into one.
 const MAX_ACCUMULATE: usize = 100;
 /// Maximum speed below which points may be removed, m/s.
@@ -45,6 +45,20 @@ pub struct CaptureOptions {
     /// Height of the radar above the floor, m. If `None`, the height that the recording states, or
     /// [`DEFAULT_RADAR_HEIGHT_M`].
     pub radar_height_m: Option<f32>,
+}
+
+impl CaptureOptions {
+    /// Refuses the options that only raw samples have.
+    ///
+    /// # Errors
+    /// The name of the option.
+    pub fn check_for_points(&self) -> Result {
+        let given = [
+            ("processing", self.processing.is_some()),
+            ("frames", self.max_frames.is_some()),
+        ];
+        refuse_options(&given, NEEDS_SAMPLES)
+    }
 }
 
 /// Height of the radar above the floor where neither the recording nor the options give it, m.

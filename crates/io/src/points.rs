@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    io::{BufReader, Read},
+    io::BufReader,
     path::{Path, PathBuf},
 };
 
@@ -13,7 +13,7 @@ use radarllm_base::{
 };
 use radarllm_files::{bounded, npy::NPY_MAGIC};
 use radarllm_formats::{
-    Mounting, RecordingFormat, SensorPosition, UartError,
+    Mounting, RecordingFormat, SensorPosition,
     detect::{numbered, stated_rate_hz},
     recordings::{
         Axes, Bag, BagError, mmbody, read_bag, read_mars_features, read_mars_points,
@@ -21,19 +21,18 @@ use radarllm_formats::{
         read_track_table, read_windows_json,
     },
     tables::{PointsTable, read_points_csv, read_points_npy, unlikely_snr},
-    uart::{Guess, SubframeJoiner, UartParser, UartReport},
+    uart::{Guess, UartReport},
 };
 
 use crate::{
     error::{Error, Result},
     opened::{MAX_FILE_BYTES, Opened, RecordingKind, columns_hint},
-    options::{PointOptions, mounting_angles},
+    options::{CaptureOptions, PointOptions, mounting_angles},
     radar::OpenedRadar,
-    ros2, serial, visualizer,
+    ros2,
+    stream::PointStream,
+    visualizer,
 };
-
-/// Number of bytes read from a stream at a time.
-const PIECE_BYTES: usize = 64 << 10;
 
 /// Recorded points with their metadata.
 #[derive(Debug)]
@@ -65,13 +64,20 @@ pub fn open_points(
     let RecordingKind::Points(detected) = capture.kind() else {
         return Err(Error::in_file(path, "it holds no recorded points"));
     };
+    if PointStream::can_read(&capture) {
+        let options = CaptureOptions {
+            radar: radar.cloned(),
+            points: options.clone(),
+            ..CaptureOptions::default()
+        };
+        return PointStream::open(capture, &options)?.read_all();
+    }
     let format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
     let mut warnings = Vec::new();
     options.check_for_format(format)?;
     let axes = axes(format, options)?;
     let from_firmware = [
-        RecordingFormat::Uart,
         RecordingFormat::VisualizerBinary,
         RecordingFormat::VisualizerJson,
     ]
@@ -80,13 +86,7 @@ pub fn open_points(
     let mut opened = radar.cloned();
     let mut is_level = false;
     let mut position = None;
-    let mut has_doppler_bins = false;
-    let mut frames = match format {
-        RecordingFormat::Uart => {
-            let stream = uart(&mut capture, options, &mut notes, &mut warnings)?;
-            has_doppler_bins = stream.has_doppler_bins;
-            stream.frames
-        }
+    let frames = match format {
         RecordingFormat::RadHar => {
             read_radhar_points(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
         }
@@ -150,7 +150,10 @@ pub fn open_points(
             position = recording.position;
             recording.frames
         }
-        RecordingFormat::Adc | RecordingFormat::Dca1000 | RecordingFormat::Points => {
+        RecordingFormat::Uart
+        | RecordingFormat::Adc
+        | RecordingFormat::Dca1000
+        | RecordingFormat::Points => {
             return Err(Error::in_file(
                 path,
                 format!("{} holds no recorded points", format.name()),
@@ -176,10 +179,6 @@ pub fn open_points(
     if let Some(radar) = radar {
         explain_reasons(radar, &mut notes, &mut warnings);
     }
-    if has_doppler_bins {
-        let step_mps = radar.and_then(|r| r.points.velocity_resolution_mps);
-        warnings.extend(scale_doppler_bins(&mut frames, step_mps));
-    }
     let position = position.or_else(|| radar?.points.position);
     let timeline = timeline(path, format, frames, radar, options)?;
     let mounting = match is_level {
@@ -202,21 +201,9 @@ pub fn open_points(
         }
     };
     let timeline = place(timeline, options, mounting)?;
-    if timeline.mended_numbers > 0 {
-        let mended = format!(
-            "{} frame numbers fit neither the frame before nor the one after: damaged, and replaced by a number between",
-            timeline.mended_numbers
-        );
-        warnings.push(mended.clone());
-        notes.push(mended);
-    }
-    if timeline.restarts > 0 {
-        let restarts = format!(
-            "frame numbers went back {} times: the frames follow on",
-            timeline.restarts
-        );
-        warnings.push(restarts.clone());
-        notes.push(restarts);
+    for text in about_numbers(timeline.mended_numbers, timeline.restarts) {
+        warnings.push(text.clone());
+        notes.push(text);
     }
     let subset = (format == RecordingFormat::MmBody)
         .then(|| mmbody::subset(&path.to_string_lossy()))
@@ -233,6 +220,22 @@ pub fn open_points(
         notes,
         warnings,
     })
+}
+
+/// What a user should know of frame numbers that were damaged, and of those that went back.
+pub(crate) fn about_numbers(mended: u64, restarts: u64) -> Vec<String> {
+    let mut about = Vec::new();
+    if mended > 0 {
+        about.push(format!(
+            "{mended} frame numbers fit neither the frame before nor the one after: damaged, and replaced by a number between"
+        ));
+    }
+    if restarts > 0 {
+        about.push(format!(
+            "frame numbers went back {restarts} times: the frames follow on"
+        ));
+    }
+    about
 }
 
 /// Says why a chirp file has no cube, which points do not need. Mistakes in it are warnings.
@@ -417,20 +420,22 @@ fn timeline(
         (None, Some(radar)) => Some(radar.points.frame_rate_hz()),
         (None, None) => stated_rate_hz(format),
     };
-    let timeline = Timeline::new(frames, frame_rate_hz).map_err(|e| {
-        let has_no_rate = matches!(e, TimelineError::NoRate);
-        let error = Error::wrap_in_file(path, e);
-        match has_no_rate {
-            true => error.with_hint(
-                option("frame_rate")
-                    .text(" HZ, or ")
-                    .option("radar")
-                    .text(" with the chirp file of the recording"),
-            ),
-            false => error,
-        }
-    })?;
-    Ok(timeline)
+    Timeline::new(frames, frame_rate_hz).map_err(|e| no_rate(path, e))
+}
+
+/// The error of frames that get no times, with a hint where their rate is missing.
+pub(crate) fn no_rate(path: &Path, error: TimelineError) -> Error {
+    let has_no_rate = matches!(error, TimelineError::NoRate);
+    let error = Error::wrap_in_file(path, error);
+    match has_no_rate {
+        true => error.with_hint(
+            option("frame_rate")
+                .text(" HZ, or ")
+                .option("radar")
+                .text(" with the chirp file of the recording"),
+        ),
+        false => error,
+    }
 }
 
 /// Returns the mounting angles: those of the options if any is set, otherwise those of the chirp file, which adds a
@@ -493,21 +498,26 @@ impl Placement {
             mounting,
         })
     }
+
+    /// What is done to every frame alone.
+    pub(crate) fn of_frame(&self, mut frame: PointFrame) -> PointFrame {
+        frame.remove_slower_than(self.min_speed_mps);
+        self.mounting.apply(std::slice::from_mut(&mut frame));
+        frame.sort_by_intensity();
+        frame
+    }
 }
 
 /// [`place`] with checked options.
 pub(crate) fn place_with(mut timeline: Timeline, placement: &Placement) -> Timeline {
-    for frame in &mut timeline.frames {
-        frame.remove_slower_than(placement.min_speed_mps);
-    }
     if placement.n_accumulated > 1 {
+        for frame in &mut timeline.frames {
+            frame.remove_slower_than(placement.min_speed_mps);
+        }
         timeline = timeline.accumulate(placement.n_accumulated, placement.motion_compensate);
     }
-    placement.mounting.apply(&mut timeline.frames);
-    timeline
-        .frames
-        .iter_mut()
-        .for_each(PointFrame::sort_by_intensity);
+    let frames = std::mem::take(&mut timeline.frames).into_iter();
+    timeline.frames = frames.map(|frame| placement.of_frame(frame)).collect();
     timeline
 }
 
@@ -604,59 +614,7 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
     Ok(frames)
 }
 
-/// What a UART stream contains.
-struct UartStream {
-    frames: Vec<RecordedFrame>,
-    /// The velocities are numbers of Doppler bins.
-    has_doppler_bins: bool,
-}
-
-/// Parses a file, a pipe or a serial port while it is read. Packets become frames at once, so that a long stream needs
-/// memory for its points alone.
-fn uart(
-    capture: &mut Opened,
-    options: &PointOptions,
-    notes: &mut Vec<String>,
-    warnings: &mut Vec<String>,
-) -> Result<UartStream> {
-    let path = &capture.path().to_path_buf();
-    let mut source: Box<dyn Read> = if serial::is_port(path) {
-        let seconds = options.listening_time_s()?;
-        Box::new(serial::Port::open(path, options.baud, seconds).map_err(|e| Error::io(path, e))?)
-    } else {
-        Box::new(capture.take_first()?)
-    };
-    let wrong =
-        |e: UartError| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it"));
-    // The velocity of a Doppler bin is that of the radar, which is opened later.
-    let mut parser = UartParser::new(options.dialect).with_doppler_step(1.0);
-    let mut joiner = SubframeJoiner::default();
-    let mut frames = Vec::new();
-    let mut piece = vec![0; PIECE_BYTES];
-    loop {
-        let n = match source.read(&mut piece) {
-            Ok(0) => break,
-            Ok(n) => n,
-            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
-            Err(e) => return Err(Error::io(path, e)),
-        };
-        let packets = parser.push(&piece[..n]).map_err(wrong)?;
-        frames.extend(packets.into_iter().filter_map(|p| joiner.push(p)));
-        if frames.len() as u64 > MAX_FRAMES {
-            return Err(Error::wrap(TimelineError::TooLong(frames.len() as u64)));
-        }
-    }
-    let (last, report, guess) = parser.finish().map_err(wrong)?;
-    frames.extend(last.into_iter().filter_map(|p| joiner.push(p)));
-    frames.extend(joiner.finish());
-    check_stream(path, &report, guess.as_ref(), &frames, notes, warnings)?;
-    Ok(UartStream {
-        frames,
-        has_doppler_bins: report.points_of_doppler_bins > 0,
-    })
-}
-
-/// Adds what a user should know of a stream of packets.
+/// Adds what a user should know of a stream of packets, in which the board tracked somebody or not.
 ///
 /// # Errors
 /// A stream in which objects were detected and nothing of them can be read: it would look like an empty room.
@@ -664,7 +622,7 @@ pub(crate) fn check_stream(
     path: &Path,
     report: &UartReport,
     guess: Option<&Guess>,
-    frames: &[RecordedFrame],
+    has_tracks: bool,
     notes: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result {
@@ -682,8 +640,7 @@ pub(crate) fn check_stream(
     let Some(reason) = report.no_points_because() else {
         return Ok(());
     };
-    let mut reports = frames.iter().flat_map(|f| &f.board);
-    if reports.any(|report| !report.tracks.is_empty()) {
+    if has_tracks {
         // The board states where somebody is.
         warnings.push(reason);
         return Ok(());
@@ -693,18 +650,6 @@ pub(crate) fn check_stream(
             .option("dialect")
             .text(" names another dialect"),
     ))
-}
-
-/// Turns Doppler bins into velocities, or into 0 with a warning if the velocity of a bin is not known.
-fn scale_doppler_bins(frames: &mut [RecordedFrame], step_mps: Option<f64>) -> Option<String> {
-    let step_mps = step_mps.filter(|step| step.is_finite());
-    for point in frames.iter_mut().flat_map(|f| &mut f.points) {
-        // The sum turns -0 into 0.
-        point.velocity_mps = point.velocity_mps * step_mps.unwrap_or(0.0) as f32 + 0.0;
-    }
-    step_mps.is_none().then(|| {
-        "the demo sends Doppler bins instead of speeds: without a chirp file (`radar`) no point has a speed".into()
-    })
 }
 
 /// What a stream lacks, in the words of a user; nothing if it is whole.

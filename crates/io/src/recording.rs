@@ -18,7 +18,8 @@ use crate::{
     error::{Error, Result},
     layout::open_samples,
     opened::{Opened, RecordingKind},
-    options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES, NEEDS_SAMPLES},
+    options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES},
+    placing::Placing,
     points::{RecordedPoints, open_points, place},
     radar::OpenedRadar,
     samples::SampleFrames,
@@ -26,6 +27,10 @@ use crate::{
 
 /// Every how many frames one frame is tested for the order of I and Q.
 const IQ_STEP: usize = 8;
+
+/// The note about a recording without speeds.
+pub const NO_SPEEDS: &str =
+    "no point has a speed: static points are not removed, because none is known to be static";
 
 /// A recording as points, ready for tracking or for a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,13 +74,7 @@ pub fn read_opened(opened: Opened, options: &CaptureOptions) -> Result<Recording
 /// # Errors
 /// Those of [`read_recording`].
 pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<Recording> {
-    if options.processing.is_some() || options.max_frames.is_some() {
-        let given = match options.processing {
-            Some(_) => option("processing"),
-            None => option("frames"),
-        };
-        return Err(Error::input(given.text(format!(" {NEEDS_SAMPLES}"))));
-    }
+    options.check_for_points()?;
     let RecordedPoints {
         mut timeline,
         radar,
@@ -88,7 +87,7 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
     let mut clutter = options.points.clutter();
     let mut points = timeline.frames.iter().flat_map(|f| &f.points);
     if points.all(|p| p.velocity_mps == 0.0) {
-        notes.push("no point has a speed: static points are not removed, because none is known to be static".into());
+        notes.push(NO_SPEEDS.into());
         clutter = Clutter::Settled;
     }
     Ok(Recording {
@@ -174,6 +173,15 @@ pub struct SampleRecording {
     health: Health,
     options: CaptureOptions,
     notes: Vec<String>,
+    /// Memory of a frame.
+    cube: Option<RadarCube>,
+    /// Number of the first frame that was read.
+    first_frame: Option<u64>,
+    /// A frame that was read, before which others are lost.
+    ahead: Option<PointFrame>,
+    n_returned: usize,
+    n_damaged: usize,
+    n_lost: usize,
 }
 
 impl SampleRecording {
@@ -216,6 +224,12 @@ impl SampleRecording {
             extractor,
             options: options.clone(),
             notes,
+            cube: None,
+            first_frame: None,
+            ahead: None,
+            n_returned: 0,
+            n_damaged: 0,
+            n_lost: 0,
         })
     }
 
@@ -275,66 +289,150 @@ impl SampleRecording {
     /// cube and its points.
     ///
     /// # Errors
-    /// A frame that cannot be read or processed, more than [`MAX_FRAMES`] frames, or an error of `each`.
+    /// Those of [`Self::next_points`].
     pub fn extract_points(
         &mut self,
         mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> Result,
     ) -> Result<ExtractedPoints> {
-        let path = self.captures[0].clone();
-        let max_frames = self.options.max_frames;
-        let limit = max_frames.unwrap_or(MAX_FRAMES).min(MAX_FRAMES);
-        let too_many = |n: u64| {
-            Error::in_file(
-                &path,
-                format!("{n} frames, at most {MAX_FRAMES} are handled"),
-            )
-            .with_hint(option("frames").text(" N reads only the first ones"))
+        let mut frames = Vec::new();
+        while let Some(frame) = self.next_points(&mut each)? {
+            frames.push(frame);
+        }
+        Ok(ExtractedPoints {
+            frames,
+            n_damaged: self.n_damaged,
+            n_lost: self.n_lost,
+        })
+    }
+
+    /// Extracts the points of the next frame period, as the signal chain returns them; `None` at the end, or after
+    /// [`CaptureOptions::max_frames`]. `each` is called with the corrected cube and its points, unless the frame is lost.
+    ///
+    /// # Errors
+    /// A frame that cannot be read or processed, more than [`MAX_FRAMES`] frames, or an error of `each`.
+    pub fn next_points(
+        &mut self,
+        mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> Result,
+    ) -> Result<Option<PointFrame>> {
+        let limit = self.options.max_frames.unwrap_or(usize::MAX);
+        if self.n_returned >= limit {
+            return Ok(None);
+        }
+        if self.ahead.is_none() {
+            self.ahead = self.extract_next(&mut each)?;
+        }
+        let Some(frame) = self.ahead.take() else {
+            return Ok(None);
         };
-        if let SampleFrames::Npy(npy) = &self.frames
-            && max_frames.is_none()
-            && npy.n_frames() > MAX_FRAMES as u64
-        {
-            return Err(too_many(npy.n_frames()));
+        let index = self.n_returned;
+        self.n_returned += 1;
+        if frame.frame as usize == index {
+            return Ok(Some(frame));
         }
-        let frame_period_s = self.config.frame_period_s;
-        let time_s = |index: usize| index as f64 * frame_period_s;
-        let mut cube = self.new_cube()?;
-        let mut extracted = ExtractedPoints::default();
-        let mut first = None;
-        while extracted.frames.len() < limit {
-            let Some(integrity) = self.read_frame(&mut cube)? else {
-                return Ok(extracted);
-            };
-            let index = integrity.frame - *first.get_or_insert(integrity.frame);
-            if index >= MAX_FRAMES as u64 {
-                return Err(too_many(index.saturating_add(1)));
-            }
-            while extracted.frames.len() < index as usize {
-                let lost = extracted.frames.len();
-                extracted.n_lost += 1;
-                extracted.frames.push(PointFrame {
-                    frame: lost as u32,
-                    time_s: time_s(lost),
-                    points: Vec::new(),
-                    board: None,
-                });
-            }
-            extracted.n_damaged += usize::from(!integrity.is_complete());
-            cube.time_s = time_s(index as usize);
-            self.health.push(&cube);
-            self.corrector.apply(&mut cube)?;
-            let mut frame = self
-                .extractor
-                .extract(&cube)
-                .map_err(|e| Error::in_file(&path, format!("frame {index}: {e}")).caused_by(e))?;
-            frame.frame = index as u32;
-            each(&mut self.extractor, &cube, &frame)?;
-            extracted.frames.push(frame);
+        self.ahead = Some(frame);
+        self.n_lost += 1;
+        Ok(Some(PointFrame {
+            frame: index as u32,
+            time_s: index as f64 * self.config.frame_period_s,
+            points: Vec::new(),
+            board: None,
+        }))
+    }
+
+    /// Extracts the points of the next frame that is there.
+    fn extract_next(
+        &mut self,
+        each: &mut impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> Result,
+    ) -> Result<Option<PointFrame>> {
+        let mut cube = match self.cube.take() {
+            Some(cube) => cube,
+            None => self.new_cube()?,
+        };
+        let Some(integrity) = self.read_frame(&mut cube)? else {
+            return Ok(None);
+        };
+        let path = &self.captures[0];
+        let index = integrity.frame - *self.first_frame.get_or_insert(integrity.frame);
+        if index >= MAX_FRAMES {
+            let n_frames = index.saturating_add(1);
+            return Err(Error::in_file(
+                path,
+                format!("{n_frames} frames, at most {MAX_FRAMES} are handled"),
+            )
+            .with_hint(option("frames").text(" N reads only the first ones")));
         }
-        if max_frames.is_none() && self.frames.next_frame(&mut cube).is_ok_and(|f| f.is_some()) {
-            return Err(too_many(MAX_FRAMES as u64 + 1));
+        self.n_damaged += usize::from(!integrity.is_complete());
+        cube.time_s = index as f64 * self.config.frame_period_s;
+        self.health.push(&cube);
+        self.corrector.apply(&mut cube)?;
+        let mut frame = self
+            .extractor
+            .extract(&cube)
+            .map_err(|e| Error::in_file(path, format!("frame {index}: {e}")).caused_by(e))?;
+        frame.frame = index as u32;
+        each(&mut self.extractor, &cube, &frame)?;
+        self.cube = Some(cube);
+        Ok(Some(frame))
+    }
+
+    /// Number of frames with missing bytes up to now, whose samples are set to zero, and of frames that never arrived.
+    pub fn n_damaged_and_lost(&self) -> [usize; 2] {
+        [self.n_damaged, self.n_lost]
+    }
+
+    /// Rotates frames into level axes one by one, strongest points first, as [`Self::into_recording`] does.
+    ///
+    /// # Errors
+    /// Options that cannot be applied.
+    pub fn placing(&self) -> Result<Placing> {
+        let points = &self.options.points;
+        Placing::new(
+            points,
+            points.mounting()?,
+            self.config.frame_rate_hz(),
+            None,
+        )
+    }
+
+    /// What is known of the recording, without frames.
+    pub fn about(&self) -> Clip {
+        let names: Vec<String> = self
+            .captures
+            .iter()
+            .map(|p| p.display().to_string())
+            .collect();
+        Clip {
+            frames: Vec::new(),
+            frame_rate_hz: self.config.frame_rate_hz(),
+            radar_height_m: self
+                .options
+                .radar_height_m
+                .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            radar: self.config.name.clone(),
+            provenance: Provenance::Recorded {
+                format: None,
+                path: names.join("+"),
+            },
+            clutter: self.options.points.clutter(),
         }
-        Ok(extracted)
+    }
+
+    /// Refuses a recording of which no frame was read.
+    ///
+    /// # Errors
+    /// If no frame was read.
+    pub fn check_has_frames(&self) -> Result {
+        if self.first_frame.is_some() {
+            return Ok(());
+        }
+        Err(Error::in_file(
+            &self.captures[0],
+            format!(
+                "not one whole frame of radar `{}` ({} bytes of one)",
+                self.config.name,
+                self.frames.trailing_bytes()
+            ),
+        ))
     }
 
     /// Notes for the user up to now: layout, background, signal health, lost packets.
@@ -362,44 +460,14 @@ impl SampleRecording {
     /// # Errors
     /// No complete frame, or options that cannot be applied.
     pub fn into_recording(self, extracted: ExtractedPoints) -> Result<Recording> {
-        let radar = &self.config;
-        if extracted.frames.is_empty() {
-            return Err(Error::in_file(
-                &self.captures[0],
-                format!(
-                    "not one whole frame of radar `{}` ({} bytes of one)",
-                    radar.name,
-                    self.frames.trailing_bytes()
-                ),
-            ));
-        }
+        self.check_has_frames()?;
         let (notes, warnings) = (self.notes(), self.warnings());
-        let timeline = Timeline::from_frames(extracted.frames, radar.frame_rate_hz());
-        let timeline = place(
-            timeline,
-            &self.options.points,
-            self.options.points.mounting()?,
-        )?;
-        let names: Vec<String> = self
-            .captures
-            .iter()
-            .map(|p| p.display().to_string())
-            .collect();
+        let about = self.about();
+        let timeline = Timeline::from_frames(extracted.frames, about.frame_rate_hz);
+        let points = &self.options.points;
+        let timeline = place(timeline, points, points.mounting()?)?;
         Ok(Recording {
-            clip: Clip {
-                frames: timeline.frames,
-                frame_rate_hz: timeline.frame_rate_hz,
-                radar_height_m: self
-                    .options
-                    .radar_height_m
-                    .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
-                radar: radar.name.clone(),
-                provenance: Provenance::Recorded {
-                    format: None,
-                    path: names.join("+"),
-                },
-                clutter: self.options.points.clutter(),
-            },
+            clip: about.with_frames(timeline.frames),
             notes,
             warnings,
         })

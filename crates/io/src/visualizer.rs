@@ -185,7 +185,9 @@ pub(crate) fn read_binary(
     })?;
     let (report, guess) = (recording.report, recording.guess);
     let frames = recorded_frames(recording.frames);
-    check_stream(path, &report, guess.as_ref(), &frames, notes, warnings)?;
+    let mut reports = frames.iter().flat_map(|f| &f.board);
+    let has_tracks = reports.any(|report| !report.tracks.is_empty());
+    check_stream(path, &report, guess.as_ref(), has_tracks, notes, warnings)?;
     notes.extend(recording.notes);
     Ok(frames)
 }

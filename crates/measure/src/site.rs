@@ -75,31 +75,9 @@ impl Site {
     /// # Errors
     /// [`SiteError`]: no heights, or nobody walked for 30 s.
     pub fn learn(radar: &str, frames: &[PointFrame]) -> Result<Self, SiteError> {
-        let people = tracked_people(frames, None).unwrap_or_default();
-        let heights = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
-        if !people.iter().any(heights) {
-            return Err(SiteError::NoHeights);
-        }
-        let stretches: Vec<Stretch> = people.iter().flat_map(walking).collect();
-        // A new stretch begins after a third of one.
-        let walking_s = stretches.len() as f32 * STRETCH_S as f32 / 3.0;
-        if stretches.len() < MIN_STRETCHES {
-            return Err(SiteError::TooLittleWalking {
-                found_s: walking_s,
-                needed_s: MIN_STRETCHES as f32 * STRETCH_S as f32 / 3.0,
-            });
-        }
-        let site = Self {
-            radar: radar.into(),
-            tilt_rad: slope(&stretches).map_or(0.0, |slope| {
-                (-slope).atan().clamp(-MAX_TILT_RAD, MAX_TILT_RAD)
-            }),
-            standing_m: 0.0,
-            walking_s,
-        };
-        let heights = stretches.iter().map(|stretch| site.level(*stretch)[1]);
-        let standing_m = quantile_nearest(heights, UPRIGHT).unwrap_or_default();
-        Ok(Self { standing_m, ..site })
+        let mut learner = SiteLearner::default();
+        learner.add(frames);
+        learner.site(radar)
     }
 
     /// Turns distance along the boresight and height, m, by the tilt.
@@ -111,6 +89,53 @@ impl Site {
     /// Height of the radar above the floor, m, if a standing person is tracked at [`STANDING_M`].
     pub fn radar_height_m(&self) -> f32 {
         STANDING_M - self.standing_m
+    }
+}
+
+/// Learns a site from a recording that is read in parts.
+#[derive(Clone, Debug, Default)]
+pub struct SiteLearner {
+    has_heights: bool,
+    stretches: Vec<Stretch>,
+}
+
+impl SiteLearner {
+    /// Adds the frames of a part.
+    pub fn add(&mut self, frames: &[PointFrame]) {
+        let people = tracked_people(frames, None).unwrap_or_default();
+        let has_height = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
+        self.has_heights |= people.iter().any(has_height);
+        self.stretches.extend(people.iter().flat_map(walking));
+    }
+
+    /// What all parts show; see [`Site::learn`].
+    ///
+    /// # Errors
+    /// [`SiteError`]: no heights, or nobody walked for 30 s.
+    pub fn site(&self, radar: &str) -> Result<Site, SiteError> {
+        let stretches = &self.stretches;
+        if !self.has_heights {
+            return Err(SiteError::NoHeights);
+        }
+        // A new stretch begins after a third of one.
+        let walking_s = stretches.len() as f32 * STRETCH_S as f32 / 3.0;
+        if stretches.len() < MIN_STRETCHES {
+            return Err(SiteError::TooLittleWalking {
+                found_s: walking_s,
+                needed_s: MIN_STRETCHES as f32 * STRETCH_S as f32 / 3.0,
+            });
+        }
+        let site = Site {
+            radar: radar.into(),
+            tilt_rad: slope(stretches).map_or(0.0, |slope| {
+                (-slope).atan().clamp(-MAX_TILT_RAD, MAX_TILT_RAD)
+            }),
+            standing_m: 0.0,
+            walking_s,
+        };
+        let heights = stretches.iter().map(|stretch| site.level(*stretch)[1]);
+        let standing_m = quantile_nearest(heights, UPRIGHT).unwrap_or_default();
+        Ok(Site { standing_m, ..site })
     }
 }
 

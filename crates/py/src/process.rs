@@ -158,7 +158,7 @@ impl Chain {
     ) -> PyResult<()> {
         let py = frame.py();
         let index = self.frames.len();
-        if index == MAX_FRAMES {
+        if index as u64 == MAX_FRAMES {
             return Err(errors::input(format!(
                 "more than {MAX_FRAMES} frames, which are the most that are handled"
             )));

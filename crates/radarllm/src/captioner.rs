@@ -1,18 +1,15 @@
 //! The captioner: a clip in, a sentence out.
 
 use radarllm_base::Clip;
-use radarllm_inference::{DescribeOptions, Description, PreparedClip};
+use radarllm_inference::{DescribeOptions, Description, PreparedClip, lm::NO_PERSON};
 use radarllm_io::{Error, Result};
 
 use radarllm_measure::Site;
 use radarllm_teach::{Memory, Recogniser};
 
 use crate::{
-    Choices, Model,
-    gaps::describe_between_gaps,
-    insert_taught,
-    measured::{self, Measured},
-    taught::insert,
+    Choices, LongDescription, LongRecording, Model, findings::Findings,
+    gaps::describe_between_gaps, measured::Measured, taught::taught_segments,
 };
 
 /// Describes clips with a [`Model`], and with what its user adds: taught activities, or activities to choose among.
@@ -123,6 +120,60 @@ impl Captioner {
         clip: &PreparedClip,
         options: &DescribeOptions,
     ) -> Result<Description> {
+        let findings = self.findings(clip, options, self.site.as_ref())?;
+        Ok(findings.description(clip.duration_s()))
+    }
+
+    /// Describes a recording that is too long to be kept in memory, part by part. `each` is called after each part with the
+    /// share of the recording that was read, if it is known.
+    ///
+    /// Radar tokens are not returned.
+    ///
+    /// # Errors
+    /// What the networks refuse, and a recording that cannot be read again.
+    pub fn describe_long(
+        &self,
+        recording: LongRecording,
+        options: &DescribeOptions,
+        mut each: impl FnMut(Option<f64>),
+    ) -> Result<LongDescription> {
+        let learned = recording.site.clone().and_then(std::result::Result::ok);
+        let site = self.site.clone().or(learned).unwrap_or_else(|| {
+            // What is learned of a part would not hold for the next one.
+            Site::unlearned(&recording.about.radar, recording.about.radar_height_m)
+        });
+        let mut long = LongDescription::default();
+        let mut findings: Option<Findings> = None;
+        let mut parts = recording.parts()?;
+        while let Some(part) = parts.next().transpose()? {
+            let mut found = self.findings(&part.prepared.clip, options, Some(&site))?;
+            found.shift(part.offset_s);
+            found.clip(part.span_s);
+            match &mut findings {
+                Some(findings) => findings.join(found),
+                None => findings = Some(found),
+            }
+            long.add(&part);
+            each(parts.share_read());
+        }
+        let mut description = findings.unwrap_or_default().description(long.seconds);
+        description.tokens.clear();
+        let segments = std::mem::take(&mut description.segments);
+        description.set_segments(segments);
+        if description.segments.is_empty() {
+            description.caption = NO_PERSON.into();
+        }
+        long.description = description;
+        Ok(long)
+    }
+
+    /// What is found in a clip. Without a site, it is learned from the clip where somebody walks in it.
+    fn findings(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+        site: Option<&Site>,
+    ) -> Result<Findings> {
         let confidence = self.model.confidence();
         let is_known = !self.measures || confidence.is_none_or(|confidence| confidence.knows(clip));
         if let Some(site) = &self.site
@@ -134,33 +185,30 @@ impl Captioner {
                 site.radar, clip.radar
             )));
         }
+        let mut findings = Findings::default();
         // What is measured holds for every board; the actions of the model hold for those that it learned.
-        let measured =
-            (!is_known && self.choices.is_none()).then(|| Measured::of(clip, self.site.as_ref()));
-        let mut description = match &measured {
-            Some(Measured::States(states)) => measured::description(clip, states),
-            _ => {
-                let options = DescribeOptions {
-                    only_guesses: options.only_guesses || measured.is_some(),
-                    ..*options
-                };
-                describe_between_gaps(self.model.networks(), clip, &options)?
+        let measures = !is_known && self.choices.is_none();
+        match measures.then(|| Measured::of(clip, site)) {
+            Some(Measured::States(states)) => findings.states = Some(states),
+            Some(Measured::InPoints(segments)) => findings.in_points = segments,
+            None => {}
+        }
+        if findings.states.is_none() {
+            let options = DescribeOptions {
+                only_guesses: options.only_guesses || measures,
+                ..*options
+            };
+            let mut said = describe_between_gaps(self.model.networks(), clip, &options)?;
+            match (&self.choices, confidence) {
+                (Some(choices), _) => self.choose(clip, choices, &options, &mut said)?,
+                (None, Some(confidence)) => confidence.apply(clip, is_known, &mut said),
+                (None, None) => {}
             }
-        };
-        match (&self.choices, confidence, measured) {
-            (Some(choices), ..) => self.choose(clip, choices, options, &mut description)?,
-            (None, _, Some(Measured::States(_))) => {}
-            (None, Some(confidence), in_points) => {
-                confidence.apply(clip, is_known, &mut description);
-                if let Some(Measured::InPoints(segments)) = in_points {
-                    insert(&mut description, segments);
-                }
-            }
-            (None, None, _) => {}
+            findings.said = Some(said);
         }
         if let Some(recogniser) = &self.recogniser {
-            insert_taught(&mut description, clip.moving(), recogniser);
+            findings.taught = taught_segments(clip.moving(), recogniser);
         }
-        Ok(description)
+        Ok(findings)
     }
 }

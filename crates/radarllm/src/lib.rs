@@ -49,10 +49,12 @@ mod board_people;
 mod captioner;
 mod choose;
 mod confidence;
+mod findings;
 mod gaps;
 mod measured;
 mod model;
 mod page;
+mod parts;
 mod score;
 mod site_file;
 mod source;
@@ -63,9 +65,11 @@ pub use board_people::board_people;
 pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
+pub use findings::LongDescription;
 pub use gaps::gaps;
 pub use model::{BundledModel, Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
+pub use parts::{Input, LongRecording, Part, Parts};
 pub use score::{CaptionScores, FactBlock};
 pub use site_file::{read_site, site_to_toml};
 pub use source::{DEFAULT_RADAR, Recording, Source, open, open_parts};
@@ -78,7 +82,8 @@ pub use radarllm_base::{
 };
 #[cfg(feature = "parquet")]
 pub use radarllm_dataset::{
-    Overwrite, points_from_batches, points_to_batch, write_clip, write_points,
+    Overwrite, PointsWriter, points_from_batches, points_to_batch, write_clip, write_points,
+    write_points_with,
 };
 pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{

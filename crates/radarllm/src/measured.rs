@@ -49,12 +49,12 @@ impl Measured {
 
 /// A description of nothing but what is measured: a sentence for each state of the person who is tracked longest at its
 /// time. Where nobody is tracked, nothing is stated.
-pub(crate) fn description(clip: &Clip, states: &[State]) -> Description {
+pub(crate) fn description(seconds: f64, states: &[State]) -> Description {
     let mut description = Description {
         caption: NO_PERSON.into(),
         confidence: 0.0,
         tokens: Vec::new(),
-        seconds: clip.duration_s() as f32,
+        seconds: seconds as f32,
         windows: 0,
         segments: Vec::new(),
         choices: Vec::new(),

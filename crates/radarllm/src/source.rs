@@ -13,7 +13,7 @@ use radarllm_synth::{
 };
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
-use crate::board_people;
+use crate::{Input, board_people, parts::can_stream};
 
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
 pub const DEFAULT_RADAR: &str = "awr1843boost";
@@ -95,20 +95,50 @@ impl Source {
     /// # Errors
     /// Whatever is wrong with the input or the options, with the file's name, the place and a hint.
     pub fn points(self) -> Result<Recording> {
-        let Some(first) = self.inputs.first() else {
-            return Err(Error::input("no input is named"));
+        let prepare = self.prepare();
+        match self.identify()? {
+            None => self.simulated(prepare),
+            Some((opened, options)) => Ok(Recording::of(
+                radarllm_io::read_opened(opened, &options)?,
+                prepare,
+            )),
+        }
+    }
+
+    /// As [`Self::points`], but a recording that is too long to be kept in memory is to be read in parts.
+    ///
+    /// # Errors
+    /// Those of [`Self::points`].
+    pub fn read(self) -> Result<Input> {
+        let prepare = self.prepare();
+        let recording = match self.identify()? {
+            None => self.simulated(prepare)?,
+            Some((opened, options)) if can_stream(&opened) => {
+                options.check_for_points()?;
+                return Input::of_file(opened, &options, prepare);
+            }
+            Some((opened, options)) => {
+                Recording::of(radarllm_io::read_opened(opened, &options)?, prepare)
+            }
         };
-        let prepare = PrepareOptions {
+        Ok(Input::of(recording, prepare))
+    }
+
+    fn prepare(&self) -> PrepareOptions {
+        PrepareOptions {
             motion_compensate: self.options.points.motion_compensate,
-        };
+        }
+    }
+
+    /// Opens the recording; `None` if the input is a motion.
+    fn identify(&self) -> Result<Option<(Opened, CaptureOptions)>> {
+        let first = self.first()?;
         if self.names_motion(first) {
-            return self.simulated(first, prepare);
+            return Ok(None);
         }
         let opened = match Opened::identify(&self.inputs, &self.options)? {
             // What no recording looks like may be a motion; the loader says what it expects.
-            Err(DetectError::Unknown(_)) if self.may_be_motion(first) => {
-                return self.simulated(first, prepare);
-            }
+            Err(DetectError::Unknown(_)) if self.may_be_motion(first) => return Ok(None),
             opened => opened.map_err(|e| detect_error(first, e))?,
         };
         let mut options = self.options.clone();
@@ -117,19 +147,17 @@ impl Source {
         if *opened.kind() == RecordingKind::Samples(SampleFormat::Npy) {
             options.radar = Some(self.radar_or_default()?);
         }
-        let recording = radarllm_io::read_opened(opened, &options)?;
-        Ok(Recording {
-            clip: recording.clip,
-            notes: recording.notes,
-            warnings: recording.warnings,
-            performed: None,
-            prepare,
-        })
+        Ok(Some((opened, options)))
     }
 
-    fn simulated(&self, input: &Path, prepare: PrepareOptions) -> Result<Recording> {
+    fn first(&self) -> Result<&PathBuf> {
+        let first = self.inputs.first();
+        first.ok_or_else(|| Error::input("no input is named"))
+    }
+
+    fn simulated(&self, prepare: PrepareOptions) -> Result<Recording> {
         let radar = self.radar_or_default()?;
-        let input = input.to_string_lossy();
+        let input = self.first()?.to_string_lossy();
         let simulated = simulate_motion(&input, radar.config()?, &self.simulation)?;
         Ok(Recording::simulated(simulated, prepare))
     }
@@ -184,6 +212,14 @@ impl Recording {
             warnings: Vec::new(),
             performed: None,
             prepare,
+        }
+    }
+
+    /// A recording that was read.
+    pub(crate) fn of(recording: radarllm_io::Recording, prepare: PrepareOptions) -> Self {
+        Self {
+            warnings: recording.warnings,
+            ..Self::new(recording.clip, recording.notes, prepare)
         }
     }
 

@@ -16,6 +16,11 @@ const MEASURED: [&str; 5] = ["stand_still", "sit_still", "lie_still", "walk", "f
 /// Where the description is of what is measured, a taught activity that contradicts it is not told: heights of tracks tell
 /// sitting from falling better than a few examples do.
 pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Recogniser) {
+    insert_taught_segments(description, taught_segments(clip, recogniser));
+}
+
+/// The taught activities that are recognised in a clip.
+pub(crate) fn taught_segments(clip: &Clip, recogniser: &Recogniser) -> Vec<Segment> {
     let recognised = recogniser.recognise(clip).into_iter();
     let segment = |part: Recognised| Segment {
         start_s: part.start_s,
@@ -27,7 +32,11 @@ pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Re
         taught: Some(part.name),
         guess: None,
     };
-    let mut parts: Vec<Segment> = recognised.map(segment).collect();
+    recognised.map(segment).collect()
+}
+
+/// [`insert_taught`] of what was recognised.
+pub(crate) fn insert_taught_segments(description: &mut Description, mut parts: Vec<Segment>) {
     // The model reads windows.
     if description.windows == 0 {
         parts.retain(|part| !contradicts(part, &description.segments));

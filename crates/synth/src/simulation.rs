@@ -11,7 +11,7 @@ use radarllm_body::{
     mesh::{PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
-use radarllm_io::{Error, TiFirmware, options::MAX_FRAMES};
+use radarllm_io::{Error, TiFirmware};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_radar_sim::{Impairments, Noise, PointTarget, Scene, SimOptions};
 
@@ -22,6 +22,9 @@ use crate::{
     simulate::{MotionInput, SimulateOptions, is_scene, open_motion, place},
     synthesizer::{posed_builtin, scene_to_points_until},
 };
+
+/// Maximum number of radar frames of a simulation: about 17 minutes at 10 frames/s.
+const MAX_FRAMES: usize = 10_000;
 
 /// A motion that is simulated, and where.
 #[derive(Clone, Debug)]

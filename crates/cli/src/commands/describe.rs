@@ -7,9 +7,10 @@ use std::{
 
 use clap::Args;
 use radarllm::{
-    BundledModel, Captioner, Clip, DescribeOptions, Person, PrepareOptions, PreparedClip,
-    Recording, SimulateOptions, Site, SiteError, board_people, prepare_for_model,
+    BundledModel, Captioner, Clip, DescribeOptions, Input, LongRecording, Person, PrepareOptions,
+    PreparedClip, Recording, SimulateOptions, Site, SiteError, board_people, prepare_for_model,
 };
+use radarllm_base::StaticClutter;
 use radarllm_inference::{
     Chosen, Segment,
     lm::{AnswerPart, Instruction},
@@ -27,6 +28,7 @@ use crate::{
     model_args::DecoderName,
     output,
     person_report::{GhostReport, PersonReport},
+    progress::Progress,
     recording_args::{InputArgs, PeopleArgs},
     threads::{on_threads, threads},
     user_memory::load_memory,
@@ -184,19 +186,36 @@ pub(crate) fn prepared(
     recording: &Recording,
     detail: Detail,
 ) -> CliResult<PreparedClip<'static>> {
-    // Notes include the reasons of the warnings, with all counts.
+    print_about(input, &recording.notes, &recording.warnings, detail);
+    let prepared = recording.prepared()?;
+    note_removed(input, prepared.removed_static);
+    note_gaps(input, &radarllm::gaps(&prepared.clip), detail);
+    Ok(prepared.clip)
+}
+
+/// Prints what is known about a recording: with [`Detail::All`] its notes, which include the reasons of the warnings with all
+/// counts.
+fn print_about(input: &str, notes: &[String], warnings: &[String], detail: Detail) {
     let (mark, lines) = match detail {
-        Detail::Warnings => ("warning: ", &recording.warnings),
-        Detail::All => ("", &recording.notes),
+        Detail::Warnings => ("warning: ", warnings),
+        Detail::All => ("", notes),
     };
     for line in lines {
         note!("{mark}{input}: {line}");
     }
-    let prepared = recording.prepared()?;
-    if let Some(clutter) = prepared.removed_static {
+}
+
+fn note_removed(input: &str, removed: Option<StaticClutter>) {
+    if let Some(clutter) = removed {
         note!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
     }
-    let gaps = radarllm::gaps(&prepared.clip);
+}
+
+fn note_gaps(input: &str, gaps: &[[f64; 2]], detail: Detail) {
+    let mark = match detail {
+        Detail::Warnings => "warning: ",
+        Detail::All => "",
+    };
     if let Some([from_s, to_s]) = gaps.first() {
         let others = match gaps.len() {
             1 => String::new(),
@@ -206,25 +225,72 @@ pub(crate) fn prepared(
             "{mark}{input}: no frames from {from_s:.1} s to {to_s:.1} s{others}; nothing is said of them"
         );
     }
-    Ok(prepared.clip)
 }
 
-/// Why postures of a recording in which a board tracks people are less sure, if they are.
-fn doubt_about_site(clip: &Clip) -> Option<String> {
-    clip.frames
-        .iter()
-        .any(|f| f.board.is_some())
-        .then_some(())?;
-    match Site::learn(&clip.radar, &clip.frames) {
-        Ok(_) => None,
-        Err(SiteError::NoHeights) => {
-            Some("the board tracks no heights: postures are not told".into())
+/// What a recording shows of its site; `None` if no board tracks people in it.
+fn site_of(clip: &Clip) -> Option<Result<Site, SiteError>> {
+    let has_reports = clip.frames.iter().any(|f| f.board.is_some());
+    has_reports.then(|| Site::learn(&clip.radar, &clip.frames))
+}
+
+/// Says why postures of a recording in which a board tracks people are less sure, if they are.
+fn doubt_about_site(input: &str, args: &DescribeArgs, site: Option<Result<Site, SiteError>>) {
+    let Some(Err(error)) = site.filter(|_| args.site.is_none()) else {
+        return;
+    };
+    match error {
+        SiteError::NoHeights => {
+            note!("warning: {input}: the board tracks no heights: postures are not told");
         }
-        Err(error) => Some(format!(
-            "{error} to learn the site: postures are told by the stated height and tilt of the radar \
-             (`radarllm site` learns them from other recordings)"
-        )),
+        error => {
+            note!(
+                "warning: {input}: {error} to learn the site: postures are told by the stated height and tilt of the radar \
+                 (`radarllm site` learns them from other recordings)"
+            );
+        }
     }
+}
+
+/// Describes a recording that is too long to be kept in memory.
+fn describe_long(
+    captioner: &Captioner,
+    input: &str,
+    recording: LongRecording,
+    options: &DescribeOptions,
+    detail: Detail,
+    mut progress: Option<Progress<'_>>,
+) -> CliResult<Row> {
+    print_about(input, &recording.notes, &recording.warnings, detail);
+    let source = source_of(input, &recording.about);
+    let started = Instant::now();
+    let show = |share| {
+        if let Some(progress) = &mut progress {
+            progress.show(share);
+        }
+    };
+    let long = captioner.describe_long(recording, options, show);
+    if let Some(progress) = &mut progress {
+        progress.clear();
+    }
+    let long = long?;
+    note_removed(input, long.removed_static);
+    note_gaps(input, &long.gaps, detail);
+    let described = long.description;
+    Ok(Row {
+        caption: described.caption,
+        reason: described.abstained.map(|why| why.to_string()),
+        confidence: described.confidence,
+        source,
+        model: captioner.name().into(),
+        segments: described.segments,
+        choices: described.choices,
+        tokens: described.tokens,
+        frames: long.frames,
+        clip_seconds: long.seconds,
+        seconds: started.elapsed().as_secs_f64(),
+        peak_memory_mb: peak_memory_mb(),
+        person: None,
+    })
 }
 
 /// Prints a row for people: a line about the source, then the sentences.
@@ -393,22 +459,20 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
         true => Detail::All,
         false => Detail::Warnings,
     };
-    let clips_of = |input: &String| {
-        let recording = radarllm::open(input)
+    let source = |input: &String| {
+        radarllm::open(input)
             .with_options(options.clone())
             .with_simulation(simulation.clone())
-            .points()?;
-        if args.site.is_none()
-            && let Some(doubt) = doubt_about_site(&recording.clip)
-        {
-            note!("warning: {input}: {doubt}");
-        }
+    };
+    let clips_of = |input: &String, recording: Recording| {
+        let site = site_of(&recording.clip);
+        doubt_about_site(input, args, site);
         let clip = prepared(input, &recording, detail)?;
         clips_of_people(input, clip, &args.people)
     };
     if let Some((text, instruction)) = &instruction {
         let one = |input: &String| -> CliResult<Vec<AnswerRow>> {
-            clips_of(input)?
+            clips_of(input, source(input).points()?)?
                 .into_iter()
                 .map(|(person, clip)| {
                     let row = answer(&captioner, input, &clip, text, instruction, &describing)?;
@@ -424,8 +488,23 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             }
         });
     }
+    // People are followed, and activities chosen, in a recording as a whole.
+    let needs_whole = args.people.is_given() || !args.choose.is_empty();
     let one = |input: &String| -> CliResult<Vec<Row>> {
-        clips_of(input)?
+        let recording = match needs_whole {
+            true => source(input).points()?,
+            false => match source(input).read()? {
+                Input::Whole(recording) => *recording,
+                Input::Long(long) => {
+                    doubt_about_site(input, args, long.site.clone());
+                    let progress = (args.inputs.len() == 1).then(|| Progress::new(input));
+                    let row =
+                        describe_long(&captioner, input, *long, &describing, detail, progress)?;
+                    return Ok(vec![row]);
+                }
+            },
+        };
+        clips_of(input, recording)?
             .into_iter()
             .map(|(person, clip)| {
                 let row = describe(&captioner, input, &clip, &describing)?;

@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Clip, Overwrite, PointsMeta, SampleRecording, write_points};
+use radarllm::{
+    Clip, Overwrite, PointFrame, PointsMeta, SampleRecording, write_points, write_points_with,
+};
 use radarllm_base::Clutter;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_io::{
-    CaptureOptions, Opened, RecordingKind,
+    CaptureOptions, ExtractedPoints, Opened, PointStream, RecordingKind, StreamEnd,
     options::{NEEDS_SAMPLES, refuse_options},
-    recording::read_recorded_points,
+    recording::{NO_SPEEDS, read_recorded_points},
 };
 use radarllm_synth::processing::ProcessingFile;
 use radarllm_tracking::{People, find_people};
@@ -181,9 +183,15 @@ fn process_samples(
         note!("listening at {address}");
     }
     let mut pictures = Pictures::new(&plots.pictures);
-    let extracted = samples
-        .extract_points(|extractor, cube, frame| Ok(pictures.push(extractor, cube, frame)?))?;
-    let (damaged_frames, lost_frames) = (extracted.n_damaged, extracted.n_lost);
+    // Without plots and people, no frame is needed after it was written.
+    let taken =
+        match needs_all(args, plots) {
+            true => Taken::Kept(samples.extract_points(|extractor, cube, frame| {
+                Ok(pictures.push(extractor, cube, frame)?)
+            })?),
+            false => Taken::Written(convert_samples(args, &mut samples)?),
+        };
+    let [damaged_frames, lost_frames] = samples.n_damaged_and_lost();
     let trailing_bytes = samples.trailing_bytes();
     let transfer = samples.frames().transfer().map(|(t, skipped)| Transfer {
         packets: t.packets,
@@ -194,31 +202,40 @@ fn process_samples(
         refused: t.refused,
         skipped,
     });
-    let stats = samples.stats().clone();
-    let radarllm_io::Recording {
-        clip, mut notes, ..
-    } = samples.into_recording(extracted)?;
-    let (clip, people) = resample_and_track(args, clip, &mut notes)?;
-    let tracks = args.people.is_given().then_some(&people.tracks[..]);
-    pictures.finish(&clip.frames, tracks)?;
-    let has_counts = stats.channels().iter().any(|c| c.rms >= 1.0);
-    match &plots.adc_statistics {
-        Some(path) if has_counts => pictures::write_adc_statistics(path, &stats)?,
-        Some(_) if args.adc_statistics.is_some() => {
-            return Err(CliError::new(format!(
-                "{}: the samples stay below one count: they are not those of an ADC, and --adc-statistics has nothing \
-                 to draw",
-                args.capture[0].display()
-            )));
+    let (mut people, mut files) = (People::default(), None);
+    let (written, radar, notes) = match taken {
+        Taken::Written(written) => (written, samples.about().radar, samples.notes()),
+        Taken::Kept(extracted) => {
+            let stats = samples.stats().clone();
+            let radarllm_io::Recording {
+                clip, mut notes, ..
+            } = samples.into_recording(extracted)?;
+            let tracked = resample_and_track(args, clip, &mut notes)?;
+            let clip = tracked.0;
+            people = tracked.1;
+            let tracks = args.people.is_given().then_some(&people.tracks[..]);
+            pictures.finish(&clip.frames, tracks)?;
+            let has_counts = stats.channels().iter().any(|c| c.rms >= 1.0);
+            match &plots.adc_statistics {
+                Some(path) if has_counts => pictures::write_adc_statistics(path, &stats)?,
+                Some(_) if args.adc_statistics.is_some() => {
+                    return Err(CliError::new(format!(
+                        "{}: the samples stay below one count: they are not those of an ADC, and --adc-statistics has \
+                         nothing to draw",
+                        args.capture[0].display()
+                    )));
+                }
+                _ => {}
+            }
+            files = write_all(args, &clip, &people)?;
+            (Written::of(&clip), clip.radar, notes)
         }
-        _ => {}
-    }
-    let files = write_all(args, &clip, &people)?;
+    };
     let report = Report {
-        frames: clip.frames.len(),
-        points_per_frame: clip.points_per_frame(),
-        frame_rate_hz: clip.frame_rate_hz,
-        radar: clip.radar,
+        frames: written.frames,
+        points_per_frame: written.points_per_frame(),
+        frame_rate_hz: written.frame_rate_hz,
+        radar,
         out: args.out.display().to_string(),
         format: format.name(),
         damaged_frames,
@@ -240,6 +257,75 @@ fn process_samples(
     ));
     print_people(report.people.as_deref(), &report.ghosts);
     Ok(())
+}
+
+/// Frames of points that were extracted from raw samples.
+enum Taken {
+    /// All of them, for plots or the tracking of people.
+    Kept(ExtractedPoints),
+    /// Written already.
+    Written(Written),
+}
+
+/// A points file that was written.
+struct Written {
+    frames: usize,
+    points: usize,
+    frame_rate_hz: f64,
+}
+
+impl Written {
+    fn of(clip: &Clip) -> Self {
+        Self {
+            frames: clip.frames.len(),
+            points: clip.n_points(),
+            frame_rate_hz: clip.frame_rate_hz,
+        }
+    }
+
+    fn points_per_frame(&self) -> f64 {
+        self.points as f64 / self.frames.max(1) as f64
+    }
+}
+
+/// Whether all frames are needed at once: for plots, for tracking or for another frame rate.
+fn needs_all(args: &ProcessArgs, plots: &PictureRequest) -> bool {
+    args.people.is_given() || args.resample.is_some() || plots.paths().next().is_some()
+}
+
+/// Writes frames one by one, so that the length of a recording needs no memory. `first` is the first of them.
+fn write_each(
+    args: &ProcessArgs,
+    about: &Clip,
+    first: Option<PointFrame>,
+    mut next: impl FnMut() -> radarllm::Result<Option<PointFrame>>,
+) -> CliResult<Written> {
+    let mut written = Written::of(about);
+    let meta = PointsMeta::of(about);
+    write_points_with(&args.out, &meta, Overwrite::Replace, |writer| {
+        let mut frame = first;
+        while let Some(written_now) = frame {
+            written.frames += 1;
+            written.points += written_now.points.len();
+            writer.write(&written_now)?;
+            frame = next()?;
+        }
+        Ok::<_, radarllm::Error>(())
+    })?;
+    Ok(written)
+}
+
+/// Extracts the points of raw samples and writes them, frame by frame.
+fn convert_samples(args: &ProcessArgs, samples: &mut SampleRecording) -> CliResult<Written> {
+    let mut placing = samples.placing()?;
+    let first = samples.next_points(|_, _, _| Ok(()))?;
+    samples.check_has_frames()?;
+    let first = first.map(|frame| placing.apply(frame).0);
+    let about = samples.about();
+    write_each(args, &about, first, || {
+        let frame = samples.next_points(|_, _, _| Ok(()))?;
+        Ok(frame.map(|frame| placing.apply(frame).0))
+    })
 }
 
 /// The plots to write: individually named ones, or all plots in a folder.
@@ -441,6 +527,10 @@ fn process_points(
         );
     }
     refuse_options(&[("processing", args.processing.is_some())], NEEDS_SAMPLES)?;
+    if !needs_all(args, plots) && PointStream::can_read(&opened) {
+        let report = convert_stream(args, options, opened)?;
+        return print_recorded(args, &report);
+    }
     let recording = read_recorded_points(opened, options)?;
     let (mut notes, mut warnings) = (recording.notes, recording.warnings);
     warnings.retain(|warning| !notes.contains(warning));
@@ -460,12 +550,51 @@ fn process_points(
         people: files,
         ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
+    print_recorded(args, &report)
+}
+
+/// Converts a recording frame by frame, so that its length needs no memory.
+fn convert_stream(
+    args: &ProcessArgs,
+    options: &CaptureOptions,
+    opened: Opened,
+) -> CliResult<RecordedReport> {
+    let mut stream = PointStream::open(opened, options)?;
+    // What is wrong with the stream is told before what is not known of it.
+    let first = stream.next_frame()?;
+    let about = stream.about()?;
+    let written = write_each(args, &about, first, || stream.next_frame())?;
+    let StreamEnd {
+        mut notes,
+        mut warnings,
+        has_speeds,
+    } = stream.finish()?;
+    if !has_speeds {
+        notes.push(NO_SPEEDS.into());
+    }
+    warnings.retain(|warning| !notes.contains(warning));
+    Ok(RecordedReport {
+        frames: written.frames,
+        points_per_frame: written.points_per_frame(),
+        frame_rate_hz: about.frame_rate_hz,
+        source: about.provenance.to_string(),
+        radar: about.radar,
+        warnings,
+        notes,
+        out: args.out.display().to_string(),
+        people: None,
+        ghosts: Vec::new(),
+    })
+}
+
+/// Prints what was made of recorded points.
+fn print_recorded(args: &ProcessArgs, report: &RecordedReport) -> CliResult {
     for warning in &report.warnings {
         note!("warning: {warning}");
     }
     print_notes(&report.notes);
     if args.json {
-        return output::print_json(&report);
+        return output::print_json(report);
     }
     output::print_line(&format!(
         "{}: {} frames at {:.2} Hz, {:.1} points a frame",

@@ -8,22 +8,22 @@ use radarllm_files::atomic::{self, Existing, WriteError};
 use crate::{DatasetError, Overwrite};
 
 /// Writes `path` through `write`, atomically.
-pub(crate) fn write_atomic(
+pub(crate) fn write_atomic<E: From<DatasetError>>(
     path: &Path,
     overwrite: Overwrite,
-    write: impl FnOnce(&mut File) -> Result<(), DatasetError>,
-) -> Result<(), DatasetError> {
+    write: impl FnOnce(&mut File) -> Result<(), E>,
+) -> Result<(), E> {
     let existing = match overwrite {
         Overwrite::Refuse => Existing::Refuse,
         Overwrite::Replace => Existing::Replace,
     };
     atomic::write_with(path, existing, write).map_err(|e| match e {
-        WriteError::Exists { path } => DatasetError::Exists { path },
+        WriteError::Exists { path } => DatasetError::Exists { path }.into(),
         WriteError::Io {
             path,
             operation,
             source,
-        } => DatasetError::io(&path, operation)(source),
+        } => DatasetError::io(&path, operation)(source).into(),
         WriteError::Content(error) => error,
     })
 }

@@ -41,11 +41,15 @@ const VALUE_COLUMNS: [&str; 6] = [
     "velocity_mps",
     "intensity_db",
 ];
+/// Those among them that have no value twice, so that a dictionary of values would only cost time.
+const PLACE_COLUMNS: [&str; 4] = ["x_m", "y_m", "z_m", "range_m"];
+/// Rows of a row group, which is kept in memory until it is complete.
+const GROUP_ROWS: usize = 256 << 10;
 /// Rows decoded at a time.
 const BATCH_ROWS: usize = 8192;
 /// Rows encoded at a time: a multiple of the 1,024 rows after which the writer of Parquet files decides about pages, so that
 /// the bytes of a file do not depend on it.
-const WRITTEN_ROWS: usize = 64 << 10;
+const WRITTEN_ROWS: usize = 16 << 10;
 
 /// Writes a clip as a points file, atomically.
 ///
@@ -70,30 +74,90 @@ pub fn write_points(
     frames: &[PointFrame],
     overwrite: Overwrite,
 ) -> Result<(), DatasetError> {
-    check_frames(path, meta, frames)?;
-    let metadata = metadata_of(meta, frames)
-        .into_iter()
-        .map(|(key, value)| KeyValue::new(key.to_string(), value))
-        .collect();
-    let properties = WriterProperties::builder()
-        .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
-        .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(metadata))
-        .build();
-
-    write_atomic(path, overwrite, |file| {
-        let corrupt = |e: parquet::errors::ParquetError| DatasetError::of_writing(path, e);
-        let mut writer =
-            ArrowWriter::try_new(file, points_schema(), Some(properties)).map_err(corrupt)?;
-        let mut rows = rows(frames).peekable();
-        while rows.peek().is_some() {
-            let batch = points_batch(rows.by_ref().take(WRITTEN_ROWS));
-            let batch = batch.map_err(|e| DatasetError::corrupt(path, e))?;
-            writer.write(&batch).map_err(corrupt)?;
-        }
-        writer.close().map_err(corrupt)?;
-        Ok(())
+    write_points_with(path, meta, overwrite, |writer| {
+        frames.iter().try_for_each(|frame| writer.write(frame))
     })
+}
+
+/// As [`write_points`], of frames that `write` hands over one by one, so that memory for all of them is not needed.
+///
+/// # Errors
+/// As [`write_points`], and those of `write`. The file is not written then.
+pub fn write_points_with<E: From<DatasetError>>(
+    path: &Path,
+    meta: &PointsMeta,
+    overwrite: Overwrite,
+    write: impl FnOnce(&mut PointsWriter<'_>) -> Result<(), E>,
+) -> Result<(), E> {
+    check_meta(path, meta)?;
+    write_atomic(path, overwrite, |file| {
+        let mut writer = PointsWriter::new(path, file)?;
+        write(&mut writer)?;
+        Ok(writer.finish(meta)?)
+    })
+}
+
+/// Writes the frames of a points file one by one.
+pub struct PointsWriter<'a> {
+    path: &'a Path,
+    writer: ArrowWriter<&'a mut File>,
+    columns: Columns,
+    span: FrameSpan,
+}
+
+impl<'a> PointsWriter<'a> {
+    fn new(path: &'a Path, file: &'a mut File) -> Result<Self, DatasetError> {
+        let mut properties = WriterProperties::builder()
+            .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
+            .set_compression(Compression::SNAPPY)
+            .set_max_row_group_row_count(Some(GROUP_ROWS));
+        for name in PLACE_COLUMNS {
+            properties = properties.set_column_dictionary_enabled(name.into(), false);
+        }
+        let writer = ArrowWriter::try_new(file, points_schema(), Some(properties.build()))
+            .map_err(|e| DatasetError::of_writing(path, e))?;
+        Ok(Self {
+            path,
+            writer,
+            columns: Columns::default(),
+            span: FrameSpan::default(),
+        })
+    }
+
+    /// Writes the next frame.
+    ///
+    /// # Errors
+    /// A frame out of order, values that are not finite, more than 20 M points or 2 M frames, or a file system error.
+    pub fn write(&mut self, frame: &PointFrame) -> Result<(), DatasetError> {
+        self.span.add(self.path, frame)?;
+        for point in &frame.points {
+            self.columns.push(frame, point);
+            if self.columns.frames.len() == WRITTEN_ROWS {
+                self.write_rows()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn write_rows(&mut self) -> Result<(), DatasetError> {
+        let batch = std::mem::take(&mut self.columns).into_batch();
+        let batch = batch.map_err(|e| DatasetError::corrupt(self.path, e))?;
+        let written = self.writer.write(&batch);
+        written.map_err(|e| DatasetError::of_writing(self.path, e))
+    }
+
+    fn finish(mut self, meta: &PointsMeta) -> Result<(), DatasetError> {
+        if !self.columns.frames.is_empty() {
+            self.write_rows()?;
+        }
+        for (key, value) in metadata_of(meta, &self.span) {
+            let value = KeyValue::new(key.to_string(), value);
+            self.writer.append_key_value_metadata(value);
+        }
+        let closed = self.writer.close();
+        closed.map_err(|e| DatasetError::of_writing(self.path, e))?;
+        Ok(())
+    }
 }
 
 /// The points of frames as one Arrow batch with the columns of a points file. The metadata of its schema is that of
@@ -106,10 +170,17 @@ pub fn points_to_batch(
     frames: &[PointFrame],
 ) -> Result<RecordBatch, DatasetError> {
     let name = Path::new("points");
-    check_frames(name, meta, frames)?;
+    check_meta(name, meta)?;
+    let mut span = FrameSpan::default();
+    let mut columns = Columns::default();
+    for frame in frames {
+        span.add(name, frame)?;
+        let points = frame.points.iter();
+        points.for_each(|point| columns.push(frame, point));
+    }
     let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
-    let batch = points_batch(rows(frames)).map_err(corrupt)?;
-    let metadata: HashMap<String, String> = metadata_of(meta, frames)
+    let batch = columns.into_batch().map_err(corrupt)?;
+    let metadata: HashMap<String, String> = metadata_of(meta, &span)
         .into_iter()
         .map(|(key, value)| (key.to_string(), value))
         .collect();
@@ -207,16 +278,14 @@ pub fn read_points_from(file: File, path: &Path) -> Result<PointsFile, DatasetEr
 }
 
 /// The metadata of points: see [`write_points`].
-fn metadata_of(meta: &PointsMeta, frames: &[PointFrame]) -> Vec<(&'static str, String)> {
-    let n_frames = frames.last().map_or(0, |f| u64::from(f.frame) + 1);
-    let t0_s = frames
-        .first()
-        .map_or(0.0, |f| f.time_s - f64::from(f.frame) / meta.frame_rate_hz);
+fn metadata_of(meta: &PointsMeta, span: &FrameSpan) -> Vec<(&'static str, String)> {
+    let first = span.first.unwrap_or_default();
+    let t0_s = first.1 - f64::from(first.0) / meta.frame_rate_hz;
     let mut metadata = vec![
         ("radar", meta.radar.clone()),
         ("source", meta.source.clone()),
         ("version", meta.version.clone()),
-        ("n_frames", n_frames.to_string()),
+        ("n_frames", span.n_frames.to_string()),
         ("frame_rate", meta.frame_rate_hz.to_string()),
         ("t0_s", t0_s.to_string()),
         (
@@ -230,14 +299,13 @@ fn metadata_of(meta: &PointsMeta, frames: &[PointFrame]) -> Vec<(&'static str, S
     if let Some(height_m) = meta.radar_height_m {
         metadata.push(("radar_height_m", height_m.to_string()));
     }
-    let missing = missing_frames(frames);
-    if !missing.is_empty() {
-        metadata.push(("missing_frames", missing));
+    if !span.missing.is_empty() {
+        metadata.push(("missing_frames", span.missing.clone()));
     }
     metadata
 }
 
-fn check_frames(path: &Path, meta: &PointsMeta, frames: &[PointFrame]) -> Result<(), DatasetError> {
+fn check_meta(path: &Path, meta: &PointsMeta) -> Result<(), DatasetError> {
     let field = |field: &str, problem: String| {
         Err(DatasetError::Metadata {
             path: path.to_path_buf(),
@@ -256,17 +324,34 @@ fn check_frames(path: &Path, meta: &PointsMeta, frames: &[PointFrame]) -> Result
     {
         return field("radar_height_m", format!("is {height_m}"));
     }
-    let limit = |what: &str, found: u64, max: u64| {
-        Err(DatasetError::Limit {
-            path: path.to_path_buf(),
-            what: what.into(),
-            found,
-            max,
-        })
-    };
-    let mut row = 0_u64;
-    for (i, frame) in frames.iter().enumerate() {
-        let value = |column: &str, problem: String| {
+    Ok(())
+}
+
+/// What the metadata say about frames, which are checked while they are added.
+#[derive(Debug, Default)]
+struct FrameSpan {
+    /// Number and time of the first frame and of the last one, s.
+    first: Option<(u32, f64)>,
+    last: Option<(u32, f64)>,
+    /// Number of the last frame + 1.
+    n_frames: u64,
+    /// Number of points.
+    n_rows: u64,
+    /// Numbers between 0 and the last frame that no frame has, as `3,7-9`.
+    missing: String,
+}
+
+impl FrameSpan {
+    fn add(&mut self, path: &Path, frame: &PointFrame) -> Result<(), DatasetError> {
+        let limit = |what: &str, found: u64, max: u64| {
+            Err(DatasetError::Limit {
+                path: path.to_path_buf(),
+                what: what.into(),
+                found,
+                max,
+            })
+        };
+        let value = |row: u64, column: &str, problem: String| {
             Err(DatasetError::Value {
                 path: path.to_path_buf(),
                 column: column.into(),
@@ -274,44 +359,46 @@ fn check_frames(path: &Path, meta: &PointsMeta, frames: &[PointFrame]) -> Result
                 problem,
             })
         };
-        if u64::from(frame.frame) >= MAX_FRAMES {
-            return limit("frame number", u64::from(frame.frame), MAX_FRAMES - 1);
+        let (number, time_s) = (frame.frame, frame.time_s);
+        if u64::from(number) >= MAX_FRAMES {
+            return limit("frame number", u64::from(number), MAX_FRAMES - 1);
         }
-        if !frame.time_s.is_finite() {
-            return value(
-                "t_s",
-                format!("frame {}: time is {}", frame.frame, frame.time_s),
-            );
+        if !time_s.is_finite() {
+            let problem = format!("frame {number}: time is {time_s}");
+            return value(self.n_rows, "t_s", problem);
         }
-        if let Some(before) = i.checked_sub(1).and_then(|b| frames.get(b))
-            && (frame.frame <= before.frame || frame.time_s < before.time_s)
+        if let Some((before, before_s)) = self.last
+            && (number <= before || time_s < before_s)
         {
-            return value(
-                "frame",
-                format!(
-                    "frame {} at {} s follows frame {} at {} s",
-                    frame.frame, frame.time_s, before.frame, before.time_s
-                ),
-            );
+            let problem =
+                format!("frame {number} at {time_s} s follows frame {before} at {before_s} s");
+            return value(self.n_rows, "frame", problem);
         }
-        for point in &frame.points {
-            for (column, v) in VALUE_COLUMNS.into_iter().zip(fields_of(point)) {
-                if !v.is_finite() {
-                    return Err(DatasetError::Value {
-                        path: path.to_path_buf(),
-                        column: column.into(),
-                        row,
-                        problem: format!("is {v}"),
-                    });
-                }
+        for (row, point) in (self.n_rows..).zip(&frame.points) {
+            let mut fields = VALUE_COLUMNS.into_iter().zip(fields_of(point));
+            if let Some((column, v)) = fields.find(|(_, v)| !v.is_finite()) {
+                return value(row, column, format!("is {v}"));
             }
-            row += 1;
         }
+        self.n_rows += frame.points.len() as u64;
+        if self.n_rows > LIMITS.rows {
+            return limit("number of points", self.n_rows, LIMITS.rows);
+        }
+        let expected = self.n_frames as u32;
+        if number > expected {
+            if !self.missing.is_empty() {
+                self.missing.push(',');
+            }
+            self.missing += &match number - 1 {
+                last if last == expected => last.to_string(),
+                last => format!("{expected}-{last}"),
+            };
+        }
+        self.first.get_or_insert((number, time_s));
+        self.last = Some((number, time_s));
+        self.n_frames = u64::from(number) + 1;
+        Ok(())
     }
-    if row > LIMITS.rows {
-        return limit("number of points", row, LIMITS.rows);
-    }
-    Ok(())
 }
 
 fn fields_of(p: &RadarPoint) -> [f32; 6] {
@@ -325,25 +412,7 @@ fn fields_of(p: &RadarPoint) -> [f32; 6] {
     ]
 }
 
-/// Numbers between 0 and the last frame that are not in `frames`, as `3,7-9`.
-fn missing_frames(frames: &[PointFrame]) -> String {
-    let mut gaps = Vec::new();
-    let mut expected = 0_u32;
-    for frame in frames {
-        if frame.frame > expected {
-            let last = frame.frame - 1;
-            gaps.push(if last == expected {
-                last.to_string()
-            } else {
-                format!("{expected}-{last}")
-            });
-        }
-        expected = frame.frame.saturating_add(1);
-    }
-    gaps.join(",")
-}
-
-/// Inverse of [`missing_frames`]: inclusive ranges, increasing, below `n_frames`.
+/// Inverse of [`FrameSpan::missing`]: inclusive ranges, increasing, below `n_frames`.
 fn parse_missing(text: &str, n_frames: u64) -> Option<Vec<(u64, u64)>> {
     let mut ranges: Vec<(u64, u64)> = Vec::new();
     for part in text.split(',').filter(|p| !p.is_empty()) {
@@ -358,13 +427,6 @@ fn parse_missing(text: &str, n_frames: u64) -> Option<Vec<(u64, u64)>> {
     Some(ranges)
 }
 
-/// The points of frames, each with its frame.
-fn rows(frames: &[PointFrame]) -> impl Iterator<Item = (&PointFrame, &RadarPoint)> {
-    frames
-        .iter()
-        .flat_map(|f| f.points.iter().map(move |p| (f, p)))
-}
-
 fn points_schema() -> Arc<Schema> {
     let mut fields = vec![
         Field::new("frame", DataType::UInt32, false),
@@ -375,26 +437,33 @@ fn points_schema() -> Arc<Schema> {
     Arc::new(Schema::new(fields))
 }
 
-fn points_batch<'a>(
-    rows: impl Iterator<Item = (&'a PointFrame, &'a RadarPoint)>,
-) -> Result<RecordBatch, arrow_schema::ArrowError> {
-    let (mut frames, mut times_s) = (Vec::new(), Vec::new());
-    let mut values: [Vec<f32>; VALUE_COLUMNS.len()] = Default::default();
-    for (frame, point) in rows {
-        frames.push(frame.frame);
-        times_s.push(frame.time_s);
-        for (column, value) in values.iter_mut().zip(fields_of(point)) {
+/// Rows of a points file that are not written yet.
+#[derive(Default)]
+struct Columns {
+    frames: Vec<u32>,
+    times_s: Vec<f64>,
+    values: [Vec<f32>; VALUE_COLUMNS.len()],
+}
+
+impl Columns {
+    fn push(&mut self, frame: &PointFrame, point: &RadarPoint) {
+        self.frames.push(frame.frame);
+        self.times_s.push(frame.time_s);
+        for (column, value) in self.values.iter_mut().zip(fields_of(point)) {
             column.push(value);
         }
     }
-    let mut columns: Vec<ArrayRef> = vec![
-        Arc::new(UInt32Array::from(frames)),
-        Arc::new(Float64Array::from(times_s)),
-    ];
-    for column in values {
-        columns.push(Arc::new(Float32Array::from(column)));
+
+    fn into_batch(self) -> Result<RecordBatch, arrow_schema::ArrowError> {
+        let mut columns: Vec<ArrayRef> = vec![
+            Arc::new(UInt32Array::from(self.frames)),
+            Arc::new(Float64Array::from(self.times_s)),
+        ];
+        for column in self.values {
+            columns.push(Arc::new(Float32Array::from(column)));
+        }
+        RecordBatch::try_new(points_schema(), columns)
     }
-    RecordBatch::try_new(points_schema(), columns)
 }
 
 fn append_batch(

@@ -33,7 +33,7 @@ const N_NEAR_GUESSES: usize = 3;
 const NEAR_FRAMES: usize = 600;
 
 /// Windows that the networks read at once. More of them would only take more memory.
-const BATCH_WINDOWS: usize = 64;
+const BATCH_WINDOWS: usize = 16;
 
 /// Sentences that each model of an ensemble draws for a window, to vote for what is stated.
 pub const N_DRAWS: usize = 16;
@@ -61,7 +61,7 @@ pub struct DescribeOptions {
     /// Clips with fewer frames are too short to describe.
     pub min_frames: usize,
     /// Whether the sentences are guesses about a board that the model did not learn. A long recording is then described in no
-    /// more windows than show when somebody is there.
+    /// more windows than show when somebody is there, by the first member of an ensemble alone.
     pub only_guesses: bool,
 }
 
@@ -125,7 +125,7 @@ impl std::fmt::Display for Abstained {
 }
 
 /// Result of the description of a clip.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Description {
     /// The sentence; exactly [`NO_PERSON`] when [`Self::abstained`] is set.
     pub caption: String,
@@ -361,7 +361,7 @@ impl Captioner {
         search::unwatched(|watch| {
             let mut results = Vec::with_capacity(usable.len());
             for batch in usable.chunks(BATCH_WINDOWS) {
-                results.extend(self.caption_frames(batch, N_DRAWS, options, watch)?);
+                results.extend(self.caption_frames(batch, Effort::full(), options, watch)?);
             }
             let mut results = results.into_iter();
             let mut describe = |windows: &Windows| match windows.is_whole() {
@@ -529,8 +529,9 @@ impl Captioner {
         windows: &[(&[PointFrame], f32)],
         options: &DescribeOptions,
     ) -> Result<Vec<Sentence>, LmError> {
-        let described =
-            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
+        let described = search::unwatched(|watch| {
+            self.caption_frames(windows, Effort::full(), options, watch)
+        })?;
         Ok(described
             .into_iter()
             .map(|(_, sentence)| sentence)
@@ -696,11 +697,14 @@ impl Captioner {
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<WindowCaption>, LmError> {
-        let n_draws = match windows.is_guessed(options) {
-            true => N_DRAWS / 2,
-            false => N_DRAWS,
+        let effort = match windows.is_guessed(options) {
+            true => Effort {
+                n_draws: N_DRAWS / 2,
+                n_members: 1,
+            },
+            false => Effort::full(),
         };
-        let captions = self.caption_frames(&windows.frames_of(spans), n_draws, options, watch)?;
+        let captions = self.caption_frames(&windows.frames_of(spans), effort, options, watch)?;
         let captions = spans.iter().zip(captions);
         Ok(captions
             .map(|(span, (radar, sentence))| WindowCaption::new(*span, radar, sentence))
@@ -711,17 +715,33 @@ impl Captioner {
     fn caption_frames(
         &self,
         windows: &[(&[PointFrame], f32)],
-        n_draws: usize,
+        effort: Effort,
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<(Vec<Encoded>, Sentence)>, LmError> {
-        let encoded = self.ensemble.encode(windows)?;
+        let encoded = self.ensemble.encode_by(windows, effort.n_members)?;
         let (ensemble, generating) = (&self.ensemble, options.generate());
         let sentences = match options.beam {
             Some(_) => ensemble.sentences(&encoded, &generating, watch)?,
-            None => ensemble.voted(&encoded, n_draws, &generating, watch.cancel)?,
+            None => ensemble.voted(&encoded, effort.n_draws, &generating, watch.cancel)?,
         };
         Ok(encoded.into_iter().zip(sentences).collect())
+    }
+}
+
+/// How much is computed for the sentence of a window.
+#[derive(Clone, Copy)]
+struct Effort {
+    n_draws: usize,
+    n_members: usize,
+}
+
+impl Effort {
+    fn full() -> Self {
+        Self {
+            n_draws: N_DRAWS,
+            n_members: usize::MAX,
+        }
     }
 }
 

@@ -132,6 +132,15 @@ impl Ensemble {
         &self,
         windows: &[(&[PointFrame], f32)],
     ) -> Result<Vec<Vec<Encoded>>, LmError> {
+        self.encode_by(windows, self.members.len())
+    }
+
+    /// As [`Self::encode`], by the first `n_members` members. They alone describe these windows then.
+    pub(crate) fn encode_by(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+        n_members: usize,
+    ) -> Result<Vec<Vec<Encoded>>, LmError> {
         let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
         // The same for all members.
         let has_context = |member: &dyn Backend| member.vocab().has_context();
@@ -139,7 +148,7 @@ impl Ensemble {
             true => windows.iter().map(|(frames, _)| context(frames)).collect(),
             false => Vec::new(),
         };
-        for member in &self.members {
+        for member in self.members.iter().take(n_members) {
             let mut encoded = member.encode(windows)?;
             if has_context(member.as_ref()) {
                 let measured = encoded.iter_mut().zip(&contexts);
@@ -159,7 +168,8 @@ impl Ensemble {
         watch: &mut Watch,
     ) -> Result<Vec<Sentence>, LmError> {
         let mut candidates: Vec<Vec<Sentence>> = vec![Vec::new(); windows.len()];
-        for (i, member) in self.members.iter().enumerate() {
+        let n_members = windows.first().map_or(0, Vec::len);
+        for (i, member) in self.members.iter().enumerate().take(n_members) {
             let prompts: Vec<Source> = windows
                 .iter()
                 .map(|radar| prompt(member.vocab(), &radar[i]))
@@ -203,7 +213,8 @@ impl Ensemble {
         cancel: &AtomicBool,
     ) -> Result<Vec<Sentence>, LmError> {
         let mut ballots: Vec<BTreeMap<String, usize>> = vec![BTreeMap::new(); windows.len()];
-        for (i, member) in self.members.iter().enumerate() {
+        let n_members = windows.first().map_or(0, Vec::len);
+        for (i, member) in self.members.iter().enumerate().take(n_members) {
             let prompts: Vec<Source> = windows
                 .iter()
                 .map(|radar| prompt(member.vocab(), &radar[i]))

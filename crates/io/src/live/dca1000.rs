@@ -18,7 +18,6 @@ use super::{
     card::{CONTROL_PORT, Starting},
     deadline,
     output::{Clock, FrameContent, Output},
-    placing::Placing,
 };
 use crate::{
     cleaning,
@@ -26,6 +25,7 @@ use crate::{
     layout::choose_layout,
     opened::Opened,
     options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, refuse_options},
+    placing::Placing,
     samples::SampleFiles,
     udp::{self, SYSTEM_BUFFER_BYTES, UdpPackets},
 };

@@ -36,7 +36,7 @@
 //! # Ok::<(), radarllm_io::Error>(())
 //! ```
 //!
-//! Reading order: this module, `numbers` (frame numbers that only grow), `placing` (mounting), `output` (events),
+//! Reading order: this module, `numbers` (frame numbers that only grow), `output` (events),
 //! [`ti_board`] with `cli` (its command line), [`dca1000`] with `card` (its commands).
 
 mod card;
@@ -44,7 +44,7 @@ mod cli;
 pub mod dca1000;
 mod numbers;
 mod output;
-mod placing;
+
 pub mod ti_board;
 
 use std::time::{Duration, Instant};

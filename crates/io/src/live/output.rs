@@ -7,7 +7,8 @@ use std::{
 
 use radarllm_base::{BoardReport, PointFrame, RadarPoint};
 
-use super::{LiveCounts, LiveEvent, LiveTimeouts, numbers::Numbers, placing::Placing};
+use super::{LiveCounts, LiveEvent, LiveTimeouts, numbers::Numbers};
+use crate::placing::Placing;
 
 /// Time of frame n. Recordings of points divide by the rate, recordings of samples multiply by the period; the last
 /// digits differ.
@@ -94,7 +95,7 @@ impl Output {
             }
             self.delays[1] = self.delays[0];
             self.frames += 1;
-            let frame = self.placing.apply(PointFrame {
+            let (frame, _) = self.placing.apply(PointFrame {
                 frame: u32::try_from(at).unwrap_or(u32::MAX),
                 time_s: self.clock.time_s(at),
                 points: content.points,

@@ -18,7 +18,6 @@ use super::{
     cli::{self, CliError, Sending},
     deadline,
     output::{Clock, FrameContent, Output},
-    placing::Placing,
 };
 use crate::{
     cleaning,
@@ -26,6 +25,7 @@ use crate::{
     options::{
         CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, NEEDS_SAMPLES, refuse_options,
     },
+    placing::Placing,
     points::{explain_reasons, mounting, radar_name},
     radar::RadarSource,
     serial::Terminal,

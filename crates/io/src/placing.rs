@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Removes slow points, accumulates frames, applies the mounting and removes the points of the empty scene.
-pub(super) struct Placing {
+pub struct Placing {
     placement: Placement,
     frame_rate_hz: f64,
     background: Option<PointBackground>,
@@ -22,7 +22,7 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    pub(super) fn new(
+    pub(crate) fn new(
         options: &PointOptions,
         mounting: Mounting,
         frame_rate_hz: f64,
@@ -36,8 +36,26 @@ impl Placing {
         })
     }
 
-    /// Places the next frame.
-    pub(super) fn apply(&mut self, frame: PointFrame) -> PointFrame {
+    /// The points of the empty scene that are removed.
+    pub(crate) fn background(&self) -> Option<&PointBackground> {
+        self.background.as_ref()
+    }
+
+    /// Places the next frame. Returns also how many points of the empty scene were removed from it.
+    pub fn apply(&mut self, frame: PointFrame) -> (PointFrame, usize) {
+        let mut placed = match self.placement.n_accumulated {
+            0 | 1 => self.placement.of_frame(frame),
+            _ => self.accumulated(frame),
+        };
+        let n_removed = match &self.background {
+            Some(background) => background.remove(std::slice::from_mut(&mut placed)),
+            None => 0,
+        };
+        (placed, n_removed)
+    }
+
+    /// The next frame with the points of those before it.
+    fn accumulated(&mut self, frame: PointFrame) -> PointFrame {
         let (number, time_s) = (frame.frame, frame.time_s);
         if self.recent.len() >= self.placement.n_accumulated {
             self.recent.pop_front();
@@ -46,18 +64,12 @@ impl Placing {
         // No frame before these is within the window of the newest one.
         let frames = self.recent.iter().cloned().collect();
         let timeline = Timeline::from_frames(frames, self.frame_rate_hz);
-        let mut placed = place_with(timeline, &self.placement)
-            .frames
-            .pop()
-            .unwrap_or(PointFrame {
-                frame: number,
-                time_s,
-                points: Vec::new(),
-                board: None,
-            });
-        if let Some(background) = &self.background {
-            background.remove(std::slice::from_mut(&mut placed));
-        }
-        placed
+        let placed = place_with(timeline, &self.placement).frames.pop();
+        placed.unwrap_or(PointFrame {
+            frame: number,
+            time_s,
+            points: Vec::new(),
+            board: None,
+        })
     }
 }

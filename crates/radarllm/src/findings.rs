@@ -1,0 +1,195 @@
+//! What is found in a clip, or in the parts of a long recording, and how it is put together to a description.
+
+use radarllm_base::StaticClutter;
+use radarllm_inference::{Description, Segment};
+use radarllm_measure::State;
+
+use crate::{
+    Part, measured,
+    taught::{insert, insert_taught_segments},
+};
+
+/// Times that are nearer to each other touch, s.
+const TOUCH_S: f64 = 1e-6;
+
+/// What is found before it is put together.
+#[derive(Default)]
+pub(crate) struct Findings {
+    /// What is measured where the board tracks people; nothing else is said then.
+    pub states: Option<Vec<State>>,
+    /// The sentences of the networks.
+    pub said: Option<Description>,
+    /// What is measured in points, to be stated in the place of these sentences.
+    pub in_points: Vec<Segment>,
+    /// Taught activities.
+    pub taught: Vec<Segment>,
+}
+
+/// A long recording, described.
+#[derive(Debug, Default)]
+pub struct LongDescription {
+    /// The description, without radar tokens.
+    pub description: Description,
+    /// Number of frames as the model reads them, and their time, s.
+    pub frames: usize,
+    /// Length of the recording as the model reads it, s.
+    pub seconds: f64,
+    /// The static clutter that was removed.
+    pub removed_static: Option<StaticClutter>,
+    /// Times without frames, s; see [`crate::gaps`].
+    pub gaps: Vec<[f64; 2]>,
+}
+
+impl Findings {
+    /// Puts together what is said of a clip of a length in s.
+    pub(crate) fn description(self, seconds: f64) -> Description {
+        let mut description = match (self.states, self.said) {
+            (Some(states), _) => measured::description(seconds, &states),
+            (None, said) => said.unwrap_or_default(),
+        };
+        description.seconds = seconds as f32;
+        insert(&mut description, self.in_points);
+        insert_taught_segments(&mut description, self.taught);
+        description
+    }
+
+    fn segments(&mut self) -> impl Iterator<Item = &mut Vec<Segment>> {
+        let said = self.said.as_mut().map(|said| &mut said.segments);
+        [&mut self.in_points, &mut self.taught]
+            .into_iter()
+            .chain(said)
+    }
+
+    /// Moves all times.
+    pub(crate) fn shift(&mut self, by_s: f64) {
+        for state in self.states.iter_mut().flatten() {
+            state.start_s += by_s;
+            state.end_s += by_s;
+        }
+        for segment in self.segments().flatten() {
+            segment.start_s += by_s;
+            segment.end_s += by_s;
+        }
+    }
+
+    /// Keeps what is within a time.
+    pub(crate) fn clip(&mut self, [start_s, end_s]: [f64; 2]) {
+        if let Some(states) = &mut self.states {
+            for state in &mut *states {
+                state.start_s = state.start_s.max(start_s);
+                state.end_s = state.end_s.min(end_s);
+            }
+            states.retain(|state| state.start_s < state.end_s);
+        }
+        for segments in self.segments() {
+            for segment in &mut *segments {
+                segment.start_s = segment.start_s.max(start_s);
+                segment.end_s = segment.end_s.min(end_s);
+            }
+            segments.retain(|segment| segment.start_s < segment.end_s);
+        }
+    }
+
+    /// Adds what was found in the next part. What goes on from one part to the next one is one thing.
+    pub(crate) fn join(&mut self, next: Self) {
+        if let Some(states) = next.states {
+            let before = self.states.get_or_insert_default();
+            for state in states {
+                let goes_on = |s: &&mut State| {
+                    s.track == state.track
+                        && s.activity == state.activity
+                        && (s.end_s - state.start_s).abs() < TOUCH_S
+                };
+                match before.iter_mut().rev().find(goes_on) {
+                    Some(last) => {
+                        let [first_s, second_s] =
+                            [&*last, &state].map(|s| (s.end_s - s.start_s) as f32);
+                        let weight = second_s / (first_s + second_s);
+                        last.probability += weight * (state.probability - last.probability);
+                        last.end_s = state.end_s;
+                        last.places_m[1] = state.places_m[1];
+                    }
+                    None => before.push(state),
+                }
+            }
+        }
+        if let Some(mut said) = next.said {
+            let segments = std::mem::take(&mut said.segments);
+            match &mut self.said {
+                None => self.said = Some(said),
+                Some(before) => {
+                    before.windows += said.windows;
+                    // Nobody is seen in the whole only if nobody is seen in any part.
+                    before.abstained = before.abstained.filter(|_| said.abstained.is_some());
+                }
+            }
+            if let Some(said) = &mut self.said {
+                let mut all = std::mem::take(&mut said.segments);
+                join_segments(&mut all, segments);
+                if !all.is_empty() {
+                    said.set_segments(all);
+                }
+            }
+        }
+        join_segments(&mut self.in_points, next.in_points);
+        join_segments(&mut self.taught, next.taught);
+    }
+}
+
+/// Adds the segments of the next part.
+fn join_segments(all: &mut Vec<Segment>, next: Vec<Segment>) {
+    for segment in next {
+        match all.last_mut() {
+            Some(last) if goes_on(last, &segment) => {
+                let [first_s, second_s] = [&*last, &segment].map(|s| s.end_s - s.start_s);
+                let weight = (second_s / (first_s + second_s)) as f32;
+                last.confidence += weight * (segment.confidence - last.confidence);
+                last.end_s = segment.end_s;
+                last.side_confidence = None;
+                if second_s > first_s {
+                    last.caption = segment.caption;
+                    last.guess = segment.guess;
+                }
+            }
+            _ => all.push(segment),
+        }
+    }
+}
+
+/// Whether a segment states what the one before it states: the same actions, or of two guesses the same that is seen.
+fn goes_on(last: &Segment, next: &Segment) -> bool {
+    let states_same = match last.actions.is_empty() {
+        true => last.caption == next.caption,
+        false => true,
+    };
+    (last.end_s - next.start_s).abs() < TOUCH_S
+        && last.actions == next.actions
+        && last.taught == next.taught
+        && last.guess.is_some() == next.guess.is_some()
+        && states_same
+}
+
+impl LongDescription {
+    /// Counts a part.
+    pub(crate) fn add(&mut self, part: &Part) {
+        let [start_s, end_s] = part.span_s;
+        let clip = &part.prepared.clip;
+        let own = |t_s: f64| (start_s..end_s).contains(&(t_s + part.offset_s));
+        let n_frames = clip.frames.iter().filter(|f| own(f.time_s)).count();
+        self.frames += n_frames;
+        self.seconds += n_frames as f64 / clip.frame_rate_hz;
+        let gaps = crate::gaps(clip)
+            .into_iter()
+            .filter(|[from_s, _]| own(*from_s));
+        self.gaps
+            .extend(gaps.map(|times| times.map(|t_s| t_s + part.offset_s)));
+        if let Some(removed) = part.prepared.removed_static {
+            let sum = self.removed_static.get_or_insert(StaticClutter {
+                n_static: 0,
+                n_points: 0,
+            });
+            sum.n_static += removed.n_static;
+            sum.n_points += removed.n_points;
+        }
+    }
+}
