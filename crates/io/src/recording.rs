@@ -26,7 +26,7 @@ use crate::{
 };
 
 /// Every how many frames one frame is tested for the order of I and Q.
-const IQ_STEP: usize = 8;
+const IQ_STEP: usize = 32;
 
 /// The note about a recording without speeds.
 pub const NO_SPEEDS: &str =

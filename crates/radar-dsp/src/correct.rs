@@ -233,8 +233,15 @@ impl Corrector {
                 }
             }
         }
+        let subtracts = self.corrections.background.is_some()
+            || self.corrections.remove_offset
+            || !self.leakage.is_empty();
+        let chirps = match subtracts {
+            true => &mut cube.data[..],
+            false => &mut [],
+        };
         let stills = still.chunks_exact(n_samples).cycle();
-        for (chirp, still) in cube.data.chunks_exact_mut(n_samples).zip(stills) {
+        for (chirp, still) in chirps.chunks_exact_mut(n_samples).zip(stills) {
             if chirp.iter().any(|z| *z != Complex32::ZERO) {
                 chirp.iter_mut().zip(still).for_each(|(z, s)| *z -= s);
             }

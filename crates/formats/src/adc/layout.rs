@@ -18,7 +18,11 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_base::{RadarConfig, RadarCube};
-use radarllm_simd::any_length::{self, Fft};
+use radarllm_simd::{
+    SimdF32x16, SimdLevel,
+    any_length::{self, Fft},
+    dispatch,
+};
 
 use super::AdcError;
 
@@ -170,6 +174,7 @@ pub struct FrameDecoder {
     /// Lane of each receiver, for four lanes.
     lanes: Vec<usize>,
     analytic: Option<AnalyticSignal>,
+    level: SimdLevel,
 }
 
 impl FrameDecoder {
@@ -215,6 +220,7 @@ impl FrameDecoder {
             frame_bytes,
             lanes,
             analytic,
+            level: SimdLevel::detect(),
         })
     }
 
@@ -255,13 +261,10 @@ impl FrameDecoder {
                     *value = Complex32::new(word(i), 0.0);
                 }
             }
-            (LvdsLanes::Two, SampleKind::Complex { order }) => {
-                for (pair, values) in cube.data.chunks_exact_mut(2).enumerate() {
-                    for (i, value) in values.iter_mut().enumerate() {
-                        *value = ordered(order, word(4 * pair + i), word(4 * pair + 2 + i));
-                    }
-                }
-            }
+            (LvdsLanes::Two, SampleKind::Complex { order }) => match order {
+                IqOrder::IFirst => i_first_pairs(self.level, bytes, &mut cube.data),
+                IqOrder::QFirst => q_first_pairs(self.level, bytes, &mut cube.data),
+            },
             (LvdsLanes::Four { .. }, data) => {
                 let words_per_group = FOUR * self.layout.words_per_sample();
                 for (chirp, values) in cube.data.chunks_exact_mut(n_rx * n_samples).enumerate() {
@@ -287,6 +290,35 @@ impl FrameDecoder {
         Ok(())
     }
 }
+
+/// Samples in pairs, `I0 I1 Q0 Q1`.
+#[inline(always)]
+fn i_first_pairs_body<L: SimdF32x16>(bytes: &[u8], samples: &mut [Complex32]) {
+    for (words, pair) in bytes.chunks_exact(8).zip(samples.chunks_exact_mut(2)) {
+        let [i0, i1, q0, q1] = four_words(words);
+        pair[0] = Complex32::new(i0, q0);
+        pair[1] = Complex32::new(i1, q1);
+    }
+}
+
+/// Samples in pairs, `Q0 Q1 I0 I1`.
+#[inline(always)]
+fn q_first_pairs_body<L: SimdF32x16>(bytes: &[u8], samples: &mut [Complex32]) {
+    for (words, pair) in bytes.chunks_exact(8).zip(samples.chunks_exact_mut(2)) {
+        let [q0, q1, i0, i1] = four_words(words);
+        pair[0] = Complex32::new(i0, q0);
+        pair[1] = Complex32::new(i1, q1);
+    }
+}
+
+#[inline(always)]
+fn four_words(bytes: &[u8]) -> [f32; 4] {
+    let word = |i: usize| f32::from(i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]));
+    [word(0), word(1), word(2), word(3)]
+}
+
+dispatch!(fn i_first_pairs => i_first_pairs_body(bytes: &[u8], samples: &mut [Complex32]));
+dispatch!(fn q_first_pairs => q_first_pairs_body(bytes: &[u8], samples: &mut [Complex32]));
 
 fn ordered(order: IqOrder, first: f32, second: f32) -> Complex32 {
     match order {

@@ -2,6 +2,7 @@
 
 use num_complex::Complex32;
 use radarllm_base::RadarCube;
+use radarllm_simd::{SimdF32x16, SimdLevel, dispatch};
 
 /// Fraction of samples at full scale from which a channel is reported as saturated.
 const SATURATED_SHARE: f64 = 1e-3;
@@ -23,6 +24,8 @@ const HISTOGRAM_SIDE: usize = 30;
 const LOOP_STEP: usize = 8;
 /// Minimum number of loops that are used, if a frame has them.
 const MIN_LOOPS: usize = 8;
+/// The same holds for frames: of a recording, one in this many.
+const FRAME_STEP: u64 = 4;
 
 /// Statistics of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,6 +80,8 @@ impl Default for Sums {
 pub struct AdcStats {
     full_scale: f32,
     channels: Vec<Sums>,
+    n_frames: u64,
+    level: SimdLevel,
 }
 
 impl AdcStats {
@@ -86,6 +91,8 @@ impl AdcStats {
         Self {
             full_scale: (1_u32 << (bits.clamp(2, 16) - 1)) as f32 - 1.0,
             channels: vec![Sums::default(); n_rx],
+            n_frames: 0,
+            level: SimdLevel::detect(),
         }
     }
 
@@ -100,11 +107,12 @@ impl AdcStats {
             let Some(sums) = self.channels.get_mut(i % n_rx) else {
                 continue;
             };
-            let full_scale = self.full_scale;
-            let is_full = |z: &Complex32| z.re.abs().max(z.im.abs()) >= full_scale;
-            let saturated: u32 = chirp.iter().map(|z| u32::from(is_full(z))).sum();
-            sums.saturated += u64::from(saturated);
+            sums.saturated += u64::from(n_saturated(self.level, chirp, self.full_scale));
             sums.n_samples += n_samples as u64;
+        }
+        self.n_frames += 1;
+        if (self.n_frames - 1) % FRAME_STEP != 0 {
+            return;
         }
         let step = match cube.n_loops >= MIN_LOOPS * LOOP_STEP {
             true => LOOP_STEP,
@@ -134,8 +142,8 @@ impl AdcStats {
         self.channels.iter().map(Sums::stats).collect()
     }
 
-    /// Numbers of I and Q values of a receiver in each of [`HISTOGRAM_BINS`]; `None` for an unknown receiver. In frames
-    /// of 64 loops or more, one loop in eight is counted. Bin `HISTOGRAM_BINS / 2` is zero. The bin `n` places to its
+    /// Numbers of I and Q values of a receiver in each of [`HISTOGRAM_BINS`]; `None` for an unknown receiver. Of
+    /// every fourth frame one loop in eight is counted, or all loops of frames with fewer than 64. Bin `HISTOGRAM_BINS / 2` is zero. The bin `n` places to its
     /// right contains the values for which 2 log2(1 + |value|) is between n and n + 1; the last bin contains all larger
     /// values.
     pub fn histogram(&self, receiver: usize) -> Option<&[u64; HISTOGRAM_BINS]> {
@@ -186,6 +194,15 @@ impl AdcStats {
         problems
     }
 }
+
+/// Number of samples of which I or Q is at full scale.
+#[inline(always)]
+fn n_saturated_body<L: SimdF32x16>(chirp: &[Complex32], full_scale: f32) -> u32 {
+    let is_full = |z: &Complex32| z.re.abs().max(z.im.abs()) >= full_scale;
+    chirp.iter().map(|z| u32::from(is_full(z))).sum()
+}
+
+dispatch!(fn n_saturated => n_saturated_body(chirp: &[Complex32], full_scale: f32) -> u32);
 
 /// Bin of a value: twice the exponent of 1 + |value|, plus one if the significand is at least sqrt(2). Both are read
 /// from the bits of the float.
