@@ -13,6 +13,9 @@ use crate::{
 /// stay tremble by less than half of it; those of points jump between parts of the body.
 const WALKING_M: f32 = 0.3;
 const WALKING_BY_POINTS_M: f32 = 0.8;
+/// Extent of the places of somebody who is tracked by points and walks, m, unless every second shows walking: a body that
+/// tilts or reaches out moves its points fast at times, but not far.
+const MIN_EXTENT_BY_POINTS_M: f32 = 1.0;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
@@ -133,7 +136,40 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) 
             }),
         }
     }
-    joined(states)
+    let mut states = joined(states);
+    if person.tracker == Tracker::Points {
+        for state in &mut states {
+            let is_doubtful =
+                state.activity == Activity::Walks && state.probability < 0.99 * SURE_BY_POINTS;
+            if is_doubtful && extent_m(person, state) < MIN_EXTENT_BY_POINTS_M {
+                state.activity = Activity::StaysSomehow;
+            }
+        }
+    }
+    states
+}
+
+/// Largest distance between the places of a person in a state, m, each the mean of a second.
+fn extent_m(person: &TrackedPerson, state: &State) -> f32 {
+    let mut places: Vec<[f32; 2]> = Vec::new();
+    let mut t_s = state.start_s;
+    while t_s < state.end_s {
+        let samples = person.between(t_s, (t_s + 1.0).min(state.end_s));
+        let n = samples.len() as f32;
+        if n > 0.0 {
+            let mean = |axis: usize| samples.iter().map(|s| s.place_m[axis]).sum::<f32>() / n;
+            places.push([mean(0), mean(1)]);
+        }
+        t_s += 0.5;
+    }
+    let range = |axis: usize| {
+        let values = || places.iter().map(|p| p[axis]);
+        values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
+    };
+    match places.is_empty() {
+        true => 0.0,
+        false => range(0).hypot(range(1)),
+    }
 }
 
 fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second> {
@@ -288,6 +324,33 @@ mod tests {
             ],
             "{found:?}"
         );
+    }
+
+    /// A body that tilts to and fro moves the track of its points fast, and never far.
+    #[test]
+    fn who_tilts_on_the_spot_does_not_walk() {
+        let states = |extent_m: f32, tracker: Tracker| {
+            let sample = |i: u16| {
+                let turn = (f32::from(i) / 10.0 / 6.0).fract();
+                let way = 1.0 - (2.0 * turn - 1.0).abs();
+                Sample {
+                    t_s: f64::from(i) / 10.0,
+                    place_m: [0.0, 1.5 + extent_m * way],
+                    height_m: None,
+                    upward_mps: None,
+                }
+            };
+            let person = TrackedPerson {
+                tracker,
+                track: 1,
+                samples: (0..240).map(sample).collect(),
+            };
+            states_of(&person, &Site::unlearned("board", 1.0), &[])
+        };
+        let walks = |states: Vec<State>| states.iter().any(|s| s.activity == Activity::Walks);
+        assert!(!walks(states(0.9, Tracker::Points)));
+        assert!(walks(states(3.0, Tracker::Points)));
+        assert!(walks(states(0.9, Tracker::Board)));
     }
 
     /// Tracks of points jump between parts of the body, so that they walk only from a longer way on.
