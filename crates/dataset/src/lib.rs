@@ -67,4 +67,4 @@ pub use on_disk::*;
 pub use points::{PointsFile, PointsMeta};
 pub use record::{ClipRecord, FailedItem, MOTION_FEATURE_DIM, RECORDINGS, Split};
 #[cfg(not(feature = "parquet"))]
-pub use without_parquet::{read_points, read_points_from};
+pub use without_parquet::{PointsReader, read_points, read_points_from};

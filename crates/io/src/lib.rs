@@ -68,4 +68,4 @@ pub use radar::{
 pub use radarllm_formats::{DetectError, SampleFormat};
 pub use recording::{ExtractedPoints, Recording, SampleRecording, read_opened, read_recording};
 pub use samples::{SampleFiles, SampleFrames};
-pub use stream::{PointStream, StreamEnd};
+pub use stream::{PointStream, PointsFileStream, StreamEnd, UartStream};

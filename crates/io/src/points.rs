@@ -30,7 +30,7 @@ use crate::{
     options::{CaptureOptions, PointOptions, mounting_angles},
     radar::OpenedRadar,
     ros2,
-    stream::PointStream,
+    stream::UartStream,
     visualizer,
 };
 
@@ -64,13 +64,13 @@ pub fn open_points(
     let RecordingKind::Points(detected) = capture.kind() else {
         return Err(Error::in_file(path, "it holds no recorded points"));
     };
-    if PointStream::can_read(&capture) {
+    if UartStream::can_read(&capture) {
         let options = CaptureOptions {
             radar: radar.cloned(),
             points: options.clone(),
             ..CaptureOptions::default()
         };
-        return PointStream::open(capture, &options)?.read_all();
+        return UartStream::open(capture, &options)?.read_all();
     }
     let format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];

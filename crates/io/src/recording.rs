@@ -6,7 +6,7 @@ use radarllm_base::{
     Clip, Clutter, PointFrame, Provenance, RadarConfig, RadarCube, Timeline,
     message::{option, text},
 };
-use radarllm_dataset::{PointsFile, read_points, read_points_from};
+use radarllm_dataset::{PointsFile, PointsMeta, read_points, read_points_from};
 use radarllm_formats::{
     SampleFormat,
     adc::{AdcStats, CubeShape, FrameIntegrity, FrameSource, IqAnswer, IqCheck},
@@ -124,30 +124,33 @@ fn read_opened_points_file(mut opened: Opened, options: &CaptureOptions) -> Resu
 
 fn points_file(file: PointsFile, options: &CaptureOptions) -> Result<Recording> {
     let mut notes = Vec::new();
-    let mut timeline = Timeline::from_frames(file.frames, file.meta.frame_rate_hz);
+    let about = about_points_file(&file.meta, options);
+    let mut timeline = Timeline::from_frames(file.frames, about.frame_rate_hz);
     timeline = place(timeline, &options.points, options.points.mounting()?)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
-    let Ok(provenance) = file.meta.source.parse::<Provenance>();
     Ok(Recording {
-        clip: Clip {
-            frames: timeline.frames,
-            frame_rate_hz: timeline.frame_rate_hz,
-            radar_height_m: file
-                .meta
-                .radar_height_m
-                .unwrap_or(options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M)),
-            radar: file.meta.radar,
-            provenance: match (provenance, file.meta.seed) {
-                (Provenance::Simulated { input, .. }, seed) => {
-                    Provenance::Simulated { input, seed }
-                }
-                (recorded, _) => recorded,
-            },
-            clutter: options.points.clutter(),
-        },
+        clip: about.with_frames(timeline.frames),
         notes,
         warnings: Vec::new(),
     })
+}
+
+/// What a points file states of its recording, without frames.
+pub(crate) fn about_points_file(meta: &PointsMeta, options: &CaptureOptions) -> Clip {
+    let Ok(provenance) = meta.source.parse::<Provenance>();
+    Clip {
+        frames: Vec::new(),
+        frame_rate_hz: meta.frame_rate_hz,
+        radar_height_m: meta
+            .radar_height_m
+            .unwrap_or(options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M)),
+        radar: meta.radar.clone(),
+        provenance: match (provenance, meta.seed) {
+            (Provenance::Simulated { input, .. }, seed) => Provenance::Simulated { input, seed },
+            (recorded, _) => recorded,
+        },
+        clutter: options.points.clutter(),
+    }
 }
 
 /// Points extracted from raw samples, and the numbers of damaged and lost frames.

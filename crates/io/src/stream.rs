@@ -1,6 +1,7 @@
 //! Recorded points frame by frame: what a recording of any length needs no memory for.
 //!
-//! A stream of packets is parsed while it is read, and each frame gets its time and its place before the next one is read.
+//! A stream of packets is parsed while it is read, and each frame gets its time and its place before the next one is read. A
+//! points file is read row group by row group.
 
 use std::{collections::VecDeque, io::Read, path::PathBuf};
 
@@ -8,8 +9,9 @@ use radarllm_base::{
     Clip, Clutter, NumberClock, PointFrame, Provenance, RecordedFrame, Timeline, TimelineError,
     message::option,
 };
+use radarllm_dataset::PointsReader;
 use radarllm_formats::{
-    RecordingFormat,
+    Mounting, RecordingFormat,
     uart::{Guess, SubframeJoiner, UartError, UartParser, UartReport},
 };
 
@@ -23,6 +25,7 @@ use crate::{
         RecordedPoints, about_numbers, check_stream, explain_reasons, mounting, no_rate, radar_name,
     },
     radar::OpenedRadar,
+    recording::about_points_file,
     serial, visualizer,
 };
 
@@ -30,7 +33,151 @@ use crate::{
 const PIECE_BYTES: usize = 64 << 10;
 
 /// A recording of points that is read frame by frame. The frames are those of [`crate::read_recording`].
-pub struct PointStream {
+pub enum PointStream {
+    /// A stream of packets of a board.
+    Uart(Box<UartStream>),
+    /// A points file of this project.
+    PointsFile(Box<PointsFileStream>),
+}
+
+impl PointStream {
+    /// Begins to read a capture; `None` if it is read as a whole. Points of the empty scene are removed if the options name
+    /// one.
+    ///
+    /// # Errors
+    /// A file that cannot be opened, and any error in the options.
+    pub fn open(capture: Opened, options: &CaptureOptions) -> Result<Option<Self>> {
+        Ok(match capture.kind() {
+            RecordingKind::PointsFile => {
+                PointsFileStream::open(capture, options)?.map(|s| Self::PointsFile(Box::new(s)))
+            }
+            _ if UartStream::can_read(&capture) => {
+                Some(Self::Uart(Box::new(UartStream::open(capture, options)?)))
+            }
+            _ => None,
+        })
+    }
+
+    /// Share of the recording that was read, 0..=1; `None` where its length is not known.
+    pub fn share_read(&self) -> Option<f64> {
+        match self {
+            Self::Uart(stream) => stream.share_read(),
+            Self::PointsFile(stream) => Some(stream.reader.share_read()),
+        }
+    }
+
+    /// What is known of the recording before its end, without frames.
+    ///
+    /// # Errors
+    /// If neither the options nor the recording give the frame rate.
+    pub fn about(&self) -> Result<Clip> {
+        match self {
+            Self::Uart(stream) => stream.about(),
+            Self::PointsFile(stream) => Ok(stream.about.clone()),
+        }
+    }
+
+    /// The next frame in level axes, strongest points first; `None` at the end.
+    ///
+    /// # Errors
+    /// A file that cannot be read, a dialect that is not clear, a stream in which nothing of what was detected can be read, a
+    /// missing frame rate, or too many frames.
+    pub fn next_frame(&mut self) -> Result<Option<PointFrame>> {
+        match self {
+            Self::Uart(stream) => stream.next_frame(),
+            Self::PointsFile(stream) => stream.next_frame(),
+        }
+    }
+
+    /// What is known once the recording was read.
+    ///
+    /// # Errors
+    /// A stream in which nothing of what was detected can be read.
+    pub fn finish(self) -> Result<StreamEnd> {
+        match self {
+            Self::Uart(stream) => stream.finish(),
+            Self::PointsFile(stream) => Ok(stream.finish()),
+        }
+    }
+}
+
+/// A points file that is read frame by frame.
+pub struct PointsFileStream {
+    reader: PointsReader,
+    about: Clip,
+    placed: Placed,
+}
+
+impl PointsFileStream {
+    fn open(mut capture: Opened, options: &CaptureOptions) -> Result<Option<Self>> {
+        capture.only_path()?;
+        let file = capture.take_first()?;
+        let Some(reader) = PointsReader::open(file, capture.path())? else {
+            return Ok(None);
+        };
+        let about = about_points_file(reader.meta(), options);
+        let placed = Placed::new(options, options.points.mounting()?, about.frame_rate_hz)?;
+        Ok(Some(Self {
+            reader,
+            about,
+            placed,
+        }))
+    }
+
+    fn next_frame(&mut self) -> Result<Option<PointFrame>> {
+        let frame = self.reader.next_frame()?;
+        Ok(frame.map(|frame| self.placed.apply(frame)))
+    }
+
+    fn finish(self) -> StreamEnd {
+        StreamEnd {
+            notes: self.placed.about_background().into_iter().collect(),
+            warnings: Vec::new(),
+            // Whether static points may be removed is in the file.
+            has_speeds: true,
+        }
+    }
+}
+
+/// Frames in level axes, and what was removed from them.
+struct Placed {
+    placing: Placing,
+    /// Recording of the empty scene, if points of it are removed.
+    empty_scene: Option<PathBuf>,
+    /// Points before and after the removal of the empty scene.
+    n_points: usize,
+    n_removed: usize,
+}
+
+impl Placed {
+    fn new(options: &CaptureOptions, mounting: Mounting, frame_rate_hz: f64) -> Result<Self> {
+        let background = cleaning::point_background(options)?;
+        Ok(Self {
+            placing: Placing::new(&options.points, mounting, frame_rate_hz, background)?,
+            empty_scene: options.cleaning.background.clone(),
+            n_points: 0,
+            n_removed: 0,
+        })
+    }
+
+    fn apply(&mut self, frame: PointFrame) -> PointFrame {
+        self.n_points += frame.points.len();
+        let (frame, n_removed) = self.placing.apply(frame);
+        self.n_removed += n_removed;
+        frame
+    }
+
+    fn about_background(&self) -> Option<String> {
+        let (background, path) = self.placing.background().zip(self.empty_scene.as_ref())?;
+        let (n_removed, n_points) = (self.n_removed, self.n_points);
+        Some(cleaning::about_background(
+            background, path, n_removed, n_points,
+        ))
+    }
+}
+
+/// A stream of packets that is parsed while it is read.
+pub struct UartStream {
     path: PathBuf,
     provenance: Provenance,
     radar: Option<OpenedRadar>,
@@ -56,12 +203,7 @@ pub struct PointStream {
     doppler_step_mps: Option<f64>,
     /// `None` until the frame rate is known to be missing.
     clock: std::result::Result<NumberClock, TimelineError>,
-    placing: Placing,
-    /// Recording of the empty scene, if points of it are removed.
-    empty_scene: Option<PathBuf>,
-    /// Points before and after the removal of the empty scene.
-    n_points: usize,
-    n_removed: usize,
+    placed: Placed,
     end: Option<End>,
     /// Notes about the format, and about the radar and its mounting.
     format_note: String,
@@ -86,17 +228,13 @@ pub struct StreamEnd {
     pub has_speeds: bool,
 }
 
-impl PointStream {
-    /// Whether a capture can be read frame by frame.
-    pub fn can_read(capture: &Opened) -> bool {
+impl UartStream {
+    /// Whether a capture is a stream of packets.
+    pub(crate) fn can_read(capture: &Opened) -> bool {
         matches!(capture.kind(), RecordingKind::Points(detected) if detected.format == RecordingFormat::Uart)
     }
 
-    /// Begins to read a capture. Points of the empty scene are removed if the options name one.
-    ///
-    /// # Errors
-    /// A capture for which [`Self::can_read`] is false, a file that cannot be opened, and any error in the options.
-    pub fn open(mut capture: Opened, options: &CaptureOptions) -> Result<Self> {
+    pub(crate) fn open(mut capture: Opened, options: &CaptureOptions) -> Result<Self> {
         let path = capture.only_path()?.to_path_buf();
         let reason = match capture.kind() {
             RecordingKind::Points(detected) if Self::can_read(&capture) => detected.reason.clone(),
@@ -133,8 +271,7 @@ impl PointStream {
             None => Err(TimelineError::NoRate),
         };
         let frame_rate_hz = clock.as_ref().map_or(1.0, NumberClock::frame_rate_hz);
-        let background = cleaning::point_background(options)?;
-        let placing = Placing::new(points, mounting, frame_rate_hz, background)?;
+        let placed = Placed::new(options, mounting, frame_rate_hz)?;
         let mut n_bytes = None;
         let source: Box<dyn Read> = if serial::is_port(&path) {
             let seconds = points.listening_time_s()?;
@@ -166,10 +303,7 @@ impl PointStream {
             has_tracks: false,
             has_speeds: false,
             clock,
-            placing,
-            empty_scene: options.cleaning.background.clone(),
-            n_points: 0,
-            n_removed: 0,
+            placed,
             end: None,
             format_note: format!("format {} ({reason})", format.name()),
             radar_notes: notes,
@@ -183,11 +317,7 @@ impl PointStream {
         radar_name(RecordingFormat::Uart, self.radar.as_ref())
     }
 
-    /// What is known of the recording before its end, without frames.
-    ///
-    /// # Errors
-    /// If neither the options nor the radar give the frame rate.
-    pub fn about(&self) -> Result<Clip> {
+    fn about(&self) -> Result<Clip> {
         let height_m = self.stated_height_m.or(self.radar_height_m);
         Ok(Clip {
             frames: Vec::new(),
@@ -199,34 +329,21 @@ impl PointStream {
         })
     }
 
-    /// Share of the bytes that were read, 0..=1; `None` where their number is not known.
-    pub fn share_read(&self) -> Option<f64> {
+    fn share_read(&self) -> Option<f64> {
         Some((self.n_read as f64 / self.n_bytes? as f64).min(1.0))
     }
 
-    /// Frames per second.
-    ///
-    /// # Errors
-    /// If neither the options nor the radar give it.
-    pub fn frame_rate_hz(&self) -> Result<f64> {
+    fn frame_rate_hz(&self) -> Result<f64> {
         match &self.clock {
             Ok(clock) => Ok(clock.frame_rate_hz()),
             Err(error) => Err(no_rate(&self.path, error.clone())),
         }
     }
 
-    /// The next frame in level axes, strongest points first; `None` at the end.
-    ///
-    /// # Errors
-    /// A file that cannot be read, a dialect that is not clear, a stream in which nothing of what was detected can be read, a
-    /// missing frame rate, or too many frames.
-    pub fn next_frame(&mut self) -> Result<Option<PointFrame>> {
+    fn next_frame(&mut self) -> Result<Option<PointFrame>> {
         loop {
             if let Some(frame) = self.next_timed()? {
-                let n_points = frame.points.len();
-                let (frame, n_removed) = self.placing.apply(frame);
-                self.n_points += n_points;
-                self.n_removed += n_removed;
+                let frame = self.placed.apply(frame);
                 self.has_speeds |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
                 return Ok(Some(frame));
             }
@@ -329,11 +446,7 @@ impl PointStream {
         Ok(())
     }
 
-    /// What is known once the recording was read; the rest of it is not read.
-    ///
-    /// # Errors
-    /// A stream in which nothing of what was detected can be read.
-    pub fn finish(self) -> Result<StreamEnd> {
+    fn finish(self) -> Result<StreamEnd> {
         let mut notes = vec![self.format_note];
         let mut warnings = Vec::new();
         let mut has_doppler_bins = false;
@@ -362,16 +475,7 @@ impl PointStream {
             warnings.push(text.clone());
             notes.push(text);
         }
-        if let Some(background) = self.placing.background()
-            && let Some(path) = &self.empty_scene
-        {
-            notes.push(cleaning::about_background(
-                background,
-                path,
-                self.n_removed,
-                self.n_points,
-            ));
-        }
+        notes.extend(self.placed.about_background());
         Ok(StreamEnd {
             notes,
             warnings,

@@ -3,11 +3,9 @@
 //! A part has the frames of half a minute before and after it, so that what happens at its ends is seen as what happens in its
 //! middle. Memory is that of a part.
 
-use std::path::Path;
-
 use radarllm_base::{Clip, Clutter, PointFrame};
 use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
-use radarllm_io::{CaptureOptions, Error, Opened, PointStream, Result, StreamEnd};
+use radarllm_io::{CaptureOptions, Error, Opened, PointStream, RecordingKind, Result, StreamEnd};
 use radarllm_measure::{Site, SiteError, SiteLearner};
 
 use crate::Recording;
@@ -99,14 +97,13 @@ impl Input {
         }))
     }
 
-    /// Reads a file frame by frame, and keeps the frames of one that is not long.
-    pub(crate) fn of_file(
-        opened: Opened,
+    /// Reads a file frame by frame, and keeps the frames of one that is not long. `again` is the same file.
+    pub(crate) fn of_stream(
+        mut stream: PointStream,
+        again: Opened,
         options: &CaptureOptions,
         prepare: PrepareOptions,
     ) -> Result<Self> {
-        let again = opened.again();
-        let mut stream = PointStream::open(opened, options)?;
         let mut frames: Vec<PointFrame> = Vec::new();
         let mut survey: Option<Survey> = None;
         let mut n_points = 0;
@@ -154,10 +151,10 @@ impl Input {
     }
 }
 
-/// Whether a capture can be read twice, frame by frame.
-pub(crate) fn can_stream(opened: &Opened) -> bool {
-    let is_file = |path: &Path| path.is_file();
-    PointStream::can_read(opened) && opened.captures().iter().all(|path| is_file(path))
+/// Whether a capture of points is in a file, which can be read twice.
+pub(crate) fn is_read_twice(opened: &Opened) -> bool {
+    let holds_points = !matches!(opened.kind(), RecordingKind::Samples(_));
+    holds_points && opened.captures().iter().all(|path| path.is_file())
 }
 
 /// What is learned while a long recording is read for the first time.
@@ -189,7 +186,8 @@ impl LongRecording {
         let frames = match self.source {
             LongSource::File(file) => {
                 let (opened, options) = *file;
-                Frames::File(Box::new(PointStream::open(opened, &options)?))
+                let stream = PointStream::open(opened, &options)?;
+                Frames::File(Box::new(stream.ok_or_else(changed)?))
             }
             LongSource::Memory(frames) => Frames::Memory {
                 n_frames: frames.len(),
@@ -205,6 +203,11 @@ impl LongRecording {
             is_over: false,
         })
     }
+}
+
+/// The error of a recording that is another one when it is read again.
+fn changed() -> Error {
+    Error::input("the recording changed while it was read")
 }
 
 /// The frames of a long recording, one after the other.
@@ -462,6 +465,7 @@ mod tests {
     }
 
     /// A packet of the out-of-box demo with one point; every tenth packet has none.
+    #[cfg(feature = "parquet")]
     fn packet(number: u32) -> Vec<u8> {
         let n_points = u32::from(!number.is_multiple_of(10));
         let length = 40 + n_points * 56;
@@ -487,7 +491,8 @@ mod tests {
     }
 
     #[test]
-    fn a_long_stream_is_read_in_parts_as_it_is_read_as_a_whole() {
+    #[cfg(feature = "parquet")]
+    fn long_streams_and_points_files_are_read_in_parts_as_they_are_read_as_a_whole() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("long.dat");
         // Lost packets, a damaged number and a restart of the board.
@@ -527,8 +532,27 @@ mod tests {
             let own = |f: &PointFrame| (start_s..end_s).contains(&(f.time_s + offset_s + 1e-9));
             read.extend(frames.filter(own).map(|f| f.points));
         }
-        let expected: Vec<_> = whole.clip.frames.into_iter().map(|f| f.points).collect();
+        let expected: Vec<_> = whole.clip.frames.iter().map(|f| f.points.clone()).collect();
         assert_eq!(read, expected);
+
+        // The same points as a points file.
+        let points = dir.path().join("long.parquet");
+        crate::write_clip(&points, &whole.clip, crate::Overwrite::Refuse).unwrap();
+        let Input::Long(long) = crate::open(&points).read().unwrap() else {
+            panic!("the points file is not long")
+        };
+        assert_eq!(long.about, about);
+        let n_frames = long.parts().unwrap().map(|part| {
+            let Part {
+                prepared,
+                offset_s,
+                span_s: [start_s, end_s],
+            } = part.unwrap();
+            let times = prepared.clip.frames.iter().map(|f| f.time_s);
+            let own = |t_s: &f64| (start_s..end_s).contains(&(t_s + offset_s + 1e-9));
+            times.filter(own).count()
+        });
+        assert_eq!(n_frames.sum::<usize>(), expected.len());
 
         // What is wrong with a stream is told of a long one, too.
         let no_rate = crate::open(&path).read().unwrap_err();

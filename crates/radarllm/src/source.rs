@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use radarllm_base::Clip;
 use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
 use radarllm_io::{
-    CaptureFormat, CaptureOptions, DetectError, Error, Opened, OpenedRadar, RecordingKind, Result,
-    SampleFormat, open_radar, opened::detect_error,
+    CaptureFormat, CaptureOptions, DetectError, Error, Opened, OpenedRadar, PointStream,
+    RecordingKind, Result, SampleFormat, open_radar, opened::detect_error,
 };
 use radarllm_synth::{
     Performed, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
 };
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
-use crate::{Input, board_people, parts::can_stream};
+use crate::{Input, board_people, parts::is_read_twice};
 
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
 pub const DEFAULT_RADAR: &str = "awr1843boost";
@@ -113,11 +113,13 @@ impl Source {
         let prepare = self.prepare();
         let recording = match self.identify()? {
             None => self.simulated(prepare)?,
-            Some((opened, options)) if can_stream(&opened) => {
-                options.check_for_points()?;
-                return Input::of_file(opened, &options, prepare);
-            }
             Some((opened, options)) => {
+                if is_read_twice(&opened) {
+                    options.check_for_points()?;
+                    if let Some(stream) = PointStream::open(opened.again(), &options)? {
+                        return Input::of_stream(stream, opened, &options, prepare);
+                    }
+                }
                 Recording::of(radarllm_io::read_opened(opened, &options)?, prepare)
             }
         };

@@ -22,6 +22,7 @@ use crate::{
     error::{CliError, CliResult},
     output,
     person_report::{GhostReport, PersonReport},
+    progress::Progress,
     radar_file,
     recording_args::{CleaningArgs, LayoutArgs, PeopleArgs, RecordingArgs},
 };
@@ -322,10 +323,17 @@ fn convert_samples(args: &ProcessArgs, samples: &mut SampleRecording) -> CliResu
     samples.check_has_frames()?;
     let first = first.map(|frame| placing.apply(frame).0);
     let about = samples.about();
-    write_each(args, &about, first, || {
+    let name = args.capture[0].display().to_string();
+    let mut progress = Progress::new(&name);
+    let mut n_frames = 1;
+    let written = write_each(args, &about, first, || {
         let frame = samples.next_points(|_, _, _| Ok(()))?;
+        n_frames += 1;
+        progress.show(args.frames.map(|all| f64::from(n_frames) / all as f64));
         Ok(frame.map(|frame| placing.apply(frame).0))
-    })
+    });
+    progress.clear();
+    written
 }
 
 /// The plots to write: individually named ones, or all plots in a folder.
@@ -527,9 +535,12 @@ fn process_points(
         );
     }
     refuse_options(&[("processing", args.processing.is_some())], NEEDS_SAMPLES)?;
-    if !needs_all(args, plots) && PointStream::can_read(&opened) {
-        let report = convert_stream(args, options, opened)?;
-        return print_recorded(args, &report);
+    if !needs_all(args, plots) {
+        options.check_for_points()?;
+        if let Some(stream) = PointStream::open(opened.again(), options)? {
+            let report = convert_stream(args, stream)?;
+            return print_recorded(args, &report);
+        }
     }
     let recording = read_recorded_points(opened, options)?;
     let (mut notes, mut warnings) = (recording.notes, recording.warnings);
@@ -554,16 +565,19 @@ fn process_points(
 }
 
 /// Converts a recording frame by frame, so that its length needs no memory.
-fn convert_stream(
-    args: &ProcessArgs,
-    options: &CaptureOptions,
-    opened: Opened,
-) -> CliResult<RecordedReport> {
-    let mut stream = PointStream::open(opened, options)?;
+fn convert_stream(args: &ProcessArgs, mut stream: PointStream) -> CliResult<RecordedReport> {
     // What is wrong with the stream is told before what is not known of it.
     let first = stream.next_frame()?;
     let about = stream.about()?;
-    let written = write_each(args, &about, first, || stream.next_frame())?;
+    let name = args.capture[0].display().to_string();
+    let mut progress = Progress::new(&name);
+    let written = write_each(args, &about, first, || {
+        let frame = stream.next_frame();
+        progress.show(stream.share_read());
+        frame
+    });
+    progress.clear();
+    let written = written?;
     let StreamEnd {
         mut notes,
         mut warnings,

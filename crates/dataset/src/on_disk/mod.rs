@@ -28,8 +28,8 @@ pub use export::export;
 pub use info::Info;
 pub use manifest::{Manifest, ShardEntry, SourceLicence};
 pub use points_file::{
-    PointsWriter, points_from_batches, points_to_batch, read_points, read_points_from, write_clip,
-    write_points, write_points_with,
+    PointsReader, PointsWriter, points_from_batches, points_to_batch, read_points,
+    read_points_from, write_clip, write_points, write_points_with,
 };
 pub use shard::Columns;
 pub use validate::{Problem, validate, validate_with};

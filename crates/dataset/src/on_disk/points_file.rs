@@ -4,17 +4,19 @@
 //! Axes: x right, y away from the radar, z up. The velocity is positive when receding. Properties of
 //! the whole file are in the key-value metadata, see [`PointsMeta`].
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::fs::File;
-use std::path::Path;
+use std::iter::Peekable;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use arrow_array::{
-    Array, ArrayRef, ArrowPrimitiveType, Float32Array, Float64Array, RecordBatch, UInt32Array,
-    types,
+    Array, ArrayRef, ArrowPrimitiveType, Float32Array, Float64Array, RecordBatch,
+    RecordBatchReader as _, UInt32Array, types,
 };
 use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
+use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
@@ -235,38 +237,18 @@ pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
 /// As [`read_points`].
 pub fn read_points_from(file: File, path: &Path) -> Result<PointsFile, DatasetError> {
     let builder = guard::open_file(path, file, LIMITS, |_| None)?;
-    let metadata: HashMap<String, String> = builder
-        .metadata()
-        .file_metadata()
-        .key_value_metadata()
-        .into_iter()
-        .flatten()
-        .filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?)))
-        .collect();
-    let reader = guard::isolated(path, || {
-        builder
-            .with_batch_size(BATCH_ROWS)
-            .build()
-            .map_err(|e| DatasetError::corrupt(path, e))
-    })?;
-
-    let mut reader = reader;
+    let metadata = metadata_in(&builder);
+    let mut reader = reader_of(path, builder)?;
     let mut frames: Vec<PointFrame> = Vec::new();
     let mut first_row = 0_u64;
     let mut saw_schema = false;
-    while let Some(batch) = guard::isolated(path, || {
-        reader
-            .next()
-            .transpose()
-            .map_err(|e| DatasetError::corrupt(path, e))
-    })? {
+    while let Some(batch) = next_batch(path, &mut reader)? {
         saw_schema = true;
         append_batch(path, &batch, first_row, &mut frames)?;
         first_row += batch.num_rows() as u64;
     }
     if !saw_schema {
         // The file has no rows, but the columns must exist nevertheless.
-        use arrow_array::RecordBatchReader as _;
         append_batch(
             path,
             &RecordBatch::new_empty(reader.schema()),
@@ -610,130 +592,351 @@ fn complete(
     metadata: &HashMap<String, String>,
     found: Vec<PointFrame>,
 ) -> Result<PointsFile, DatasetError> {
-    let bad = |field: &str, problem: String| DatasetError::Metadata {
-        path: path.to_path_buf(),
-        field: field.into(),
-        problem,
-    };
-    let text = |key: &str| {
-        metadata
-            .get(key)
-            .cloned()
-            .unwrap_or_else(|| "unknown".into())
-    };
-    let number = |key: &str| -> Result<Option<f64>, DatasetError> {
-        let Some(text) = metadata.get(key) else {
-            return Ok(None);
-        };
-        match text.trim().parse::<f64>() {
-            Ok(v) if v.is_finite() => Ok(Some(v)),
-            _ => Err(bad(key, format!("{text:?} is not a finite number"))),
-        }
-    };
-    let seed = match metadata.get("seed").map(|s| s.trim()) {
-        None | Some("" | "none") => None,
-        Some(s) => Some(
-            s.parse()
-                .map_err(|_| bad("seed", format!("{s:?} is not a 64-bit number")))?,
-        ),
-    };
-    let frame_rate_hz = match number("frame_rate")? {
-        Some(rate) if rate > 0.0 => rate,
-        Some(rate) => return Err(bad("frame_rate", format!("must be positive, found {rate}"))),
-        None => rate_from_times(&found).ok_or_else(|| {
-            bad(
-                "frame_rate",
-                "absent, and the times of the frames do not tell it either".into(),
-            )
-        })?,
-    };
-    let radar_height_m = match number("radar_height_m")? {
-        Some(height_m) if (height_m as f32).is_finite() => Some(height_m as f32),
-        Some(height_m) => {
-            return Err(bad(
-                "radar_height_m",
-                format!("{height_m} m is out of range"),
-            ));
-        }
-        None => None,
+    let stated = Stated::of(path, metadata)?;
+    let Some(frame_rate_hz) = stated.frame_rate_hz.or_else(|| rate_from_times(&found)) else {
+        return Err(stated.bad(
+            "frame_rate",
+            "absent, and the times of the frames do not tell it either".into(),
+        ));
     };
     let seen = found.last().map_or(0, |f| u64::from(f.frame) + 1);
-    let n_frames = match metadata.get("n_frames") {
-        None => seen,
-        Some(s) => s
-            .trim()
-            .parse()
-            .map_err(|_| bad("n_frames", format!("{s:?} is not a count")))?,
-    };
-    if n_frames > MAX_FRAMES || n_frames < seen {
-        return Err(bad(
-            "n_frames",
-            format!("{n_frames} is not in {seen}..={MAX_FRAMES}"),
-        ));
+    let n_frames = stated.n_frames.unwrap_or(seen);
+    let mut filler = Filler::new(&stated, frame_rate_hz, n_frames)?;
+    let mut frames = Vec::with_capacity(found.len());
+    for frame in found {
+        frames.extend(std::iter::from_fn(|| filler.next_before(&frame)));
+        filler.pass(&frame)?;
+        frames.push(frame);
     }
-    let missing = match metadata.get("missing_frames") {
-        None => Vec::new(),
-        Some(s) => parse_missing(s, n_frames).ok_or_else(|| {
-            bad(
-                "missing_frames",
-                "not increasing ranges below n_frames".into(),
-            )
-        })?,
-    };
-    let t0_s = match number("t0_s")? {
-        Some(t0_s) => t0_s,
-        None => found
-            .first()
-            .map_or(0.0, |f| f.time_s - f64::from(f.frame) / frame_rate_hz),
-    };
+    frames.extend(std::iter::from_fn(|| filler.next_at_end()));
+    Ok(PointsFile {
+        meta: stated.meta(frame_rate_hz),
+        frames,
+    })
+}
 
-    let mut frames = Vec::with_capacity(n_frames as usize);
-    let mut found = found.into_iter().peekable();
-    let mut missing = missing.into_iter().peekable();
-    let mut latest_s = f64::NEG_INFINITY;
-    for frame in 0..n_frames as u32 {
-        if missing
-            .next_if(|&(_, last)| last < u64::from(frame))
-            .is_some()
-        {
-            // This range has passed; the next one, if any, starts later.
-        }
-        let lost = missing
-            .peek()
-            .is_some_and(|&(first, _)| first <= u64::from(frame));
-        let next = match found.next_if(|f| f.frame == frame) {
-            Some(_) if lost => {
-                return Err(bad(
-                    "missing_frames",
-                    format!("frame {frame} has points but is listed as lost"),
-                ));
-            }
-            Some(next) => next,
-            None if lost => continue,
-            // Nominal time of an empty frame, kept in order between measured times that jitter.
-            None => {
-                let nominal_s = t0_s + f64::from(frame) / frame_rate_hz;
-                let upper_s = found.peek().map_or(f64::INFINITY, |f| f.time_s);
-                PointFrame {
-                    frame,
-                    time_s: nominal_s.min(upper_s).max(latest_s),
-                    points: Vec::new(),
-                    board: None,
-                }
+/// What the metadata of a points file state; see [`write_points`].
+struct Stated {
+    path: PathBuf,
+    /// Radar, source and version.
+    texts: [String; 3],
+    seed: Option<u64>,
+    frame_rate_hz: Option<f64>,
+    radar_height_m: Option<f32>,
+    n_frames: Option<u64>,
+    t0_s: Option<f64>,
+    missing: Option<String>,
+}
+
+impl Stated {
+    fn of(path: &Path, metadata: &HashMap<String, String>) -> Result<Self, DatasetError> {
+        let bad = |field: &str, problem: String| DatasetError::Metadata {
+            path: path.to_path_buf(),
+            field: field.into(),
+            problem,
+        };
+        let text = |key: &str| {
+            metadata
+                .get(key)
+                .cloned()
+                .unwrap_or_else(|| "unknown".into())
+        };
+        let number = |key: &str| -> Result<Option<f64>, DatasetError> {
+            let Some(text) = metadata.get(key) else {
+                return Ok(None);
+            };
+            match text.trim().parse::<f64>() {
+                Ok(v) if v.is_finite() => Ok(Some(v)),
+                _ => Err(bad(key, format!("{text:?} is not a finite number"))),
             }
         };
-        latest_s = next.time_s;
-        frames.push(next);
+        let seed = match metadata.get("seed").map(|s| s.trim()) {
+            None | Some("" | "none") => None,
+            Some(s) => Some(
+                s.parse()
+                    .map_err(|_| bad("seed", format!("{s:?} is not a 64-bit number")))?,
+            ),
+        };
+        let frame_rate_hz = number("frame_rate")?;
+        if let Some(rate) = frame_rate_hz.filter(|rate| *rate <= 0.0) {
+            return Err(bad("frame_rate", format!("must be positive, found {rate}")));
+        }
+        let radar_height_m = match number("radar_height_m")? {
+            Some(height_m) if (height_m as f32).is_finite() => Some(height_m as f32),
+            Some(height_m) => {
+                return Err(bad(
+                    "radar_height_m",
+                    format!("{height_m} m is out of range"),
+                ));
+            }
+            None => None,
+        };
+        let n_frames: Option<u64> = match metadata.get("n_frames") {
+            None => None,
+            Some(s) => Some(
+                s.trim()
+                    .parse()
+                    .map_err(|_| bad("n_frames", format!("{s:?} is not a count")))?,
+            ),
+        };
+        let stated = Self {
+            path: path.into(),
+            texts: ["radar", "source", "version"].map(text),
+            seed,
+            frame_rate_hz,
+            radar_height_m,
+            n_frames,
+            t0_s: number("t0_s")?,
+            missing: metadata.get("missing_frames").cloned(),
+        };
+        match n_frames {
+            Some(n) if n > MAX_FRAMES => {
+                Err(stated.bad("n_frames", format!("{n} is not in 0..={MAX_FRAMES}")))
+            }
+            _ => Ok(stated),
+        }
     }
-    let meta = PointsMeta {
-        radar: text("radar"),
-        source: text("source"),
-        seed,
-        version: text("version"),
-        radar_height_m,
-        frame_rate_hz,
-    };
-    Ok(PointsFile { meta, frames })
+
+    fn bad(&self, field: &str, problem: String) -> DatasetError {
+        DatasetError::Metadata {
+            path: self.path.clone(),
+            field: field.into(),
+            problem,
+        }
+    }
+
+    fn meta(&self, frame_rate_hz: f64) -> PointsMeta {
+        let [radar, source, version] = self.texts.clone();
+        PointsMeta {
+            radar,
+            source,
+            seed: self.seed,
+            version,
+            radar_height_m: self.radar_height_m,
+            frame_rate_hz,
+        }
+    }
+}
+
+/// Adds the frames in which nothing was detected, and which have no rows, to those that have.
+struct Filler {
+    path: PathBuf,
+    n_frames: u64,
+    frame_rate_hz: f64,
+    /// Time of frame 0, s; that of the first frame with points gives it, if it is not stated.
+    t0_s: Option<f64>,
+    /// Frames that the recording lost, as ranges in order.
+    missing: Peekable<std::vec::IntoIter<(u64, u64)>>,
+    /// Number of the next frame.
+    next: u32,
+    latest_s: f64,
+}
+
+impl Filler {
+    fn new(stated: &Stated, frame_rate_hz: f64, n_frames: u64) -> Result<Self, DatasetError> {
+        let missing = match &stated.missing {
+            None => Vec::new(),
+            Some(s) => parse_missing(s, n_frames).ok_or_else(|| {
+                stated.bad(
+                    "missing_frames",
+                    "not increasing ranges below n_frames".into(),
+                )
+            })?,
+        };
+        Ok(Self {
+            path: stated.path.clone(),
+            n_frames,
+            frame_rate_hz,
+            t0_s: stated.t0_s,
+            missing: missing.into_iter().peekable(),
+            next: 0,
+            latest_s: f64::NEG_INFINITY,
+        })
+    }
+
+    /// The next empty frame before frame `end`, which is at `upper_s`.
+    fn next_empty(&mut self, end: u32, upper_s: f64) -> Option<PointFrame> {
+        while self.next < end {
+            let frame = self.next;
+            self.next += 1;
+            if self.is_lost(frame) {
+                continue;
+            }
+            // Nominal time of an empty frame, kept in order between measured times that jitter.
+            let nominal_s = self.t0_s.unwrap_or_default() + f64::from(frame) / self.frame_rate_hz;
+            let time_s = nominal_s.min(upper_s).max(self.latest_s);
+            self.latest_s = time_s;
+            return Some(PointFrame {
+                frame,
+                time_s,
+                points: Vec::new(),
+                board: None,
+            });
+        }
+        None
+    }
+
+    /// The next empty frame before one with points.
+    fn next_before(&mut self, found: &PointFrame) -> Option<PointFrame> {
+        let first_s = found.time_s - f64::from(found.frame) / self.frame_rate_hz;
+        self.t0_s.get_or_insert(first_s);
+        self.next_empty(found.frame, found.time_s)
+    }
+
+    /// The next empty frame at the end.
+    fn next_at_end(&mut self) -> Option<PointFrame> {
+        self.next_empty(self.n_frames as u32, f64::INFINITY)
+    }
+
+    /// Takes note of a frame with points, before which nothing is missing any more.
+    fn pass(&mut self, found: &PointFrame) -> Result<(), DatasetError> {
+        let (frame, n_frames) = (found.frame, self.n_frames);
+        let (field, problem) = match u64::from(frame) + 1 {
+            seen if seen > n_frames => (
+                "n_frames",
+                format!("{n_frames} is not in {seen}..={MAX_FRAMES}"),
+            ),
+            _ if self.is_lost(frame) => (
+                "missing_frames",
+                format!("frame {frame} has points but is listed as lost"),
+            ),
+            _ => {
+                self.next = frame + 1;
+                self.latest_s = found.time_s;
+                return Ok(());
+            }
+        };
+        Err(DatasetError::Metadata {
+            path: self.path.clone(),
+            field: field.into(),
+            problem,
+        })
+    }
+
+    /// Whether the recording lost a frame, of frames in order.
+    fn is_lost(&mut self, frame: u32) -> bool {
+        let frame = u64::from(frame);
+        while self.missing.next_if(|&(_, last)| last < frame).is_some() {}
+        self.missing
+            .peek()
+            .is_some_and(|&(first, _)| first <= frame)
+    }
+}
+
+/// Reads the frames of a points file one by one, so that memory for all of them is not needed.
+pub struct PointsReader {
+    path: PathBuf,
+    reader: ParquetRecordBatchReader,
+    meta: PointsMeta,
+    filler: Filler,
+    n_rows: u64,
+    n_read: u64,
+    /// Frames with points.
+    found: VecDeque<PointFrame>,
+    is_over: bool,
+}
+
+impl PointsReader {
+    /// Begins to read a file; `path` names it in errors. `None` if its metadata do not state the frame rate and the number
+    /// of frames, which follow from all of its rows then ([`read_points`]).
+    ///
+    /// # Errors
+    /// As [`read_points`].
+    pub fn open(file: File, path: &Path) -> Result<Option<Self>, DatasetError> {
+        let builder = guard::open_file(path, file, LIMITS, |_| None)?;
+        let stated = Stated::of(path, &metadata_in(&builder))?;
+        let (Some(frame_rate_hz), Some(n_frames)) = (stated.frame_rate_hz, stated.n_frames) else {
+            return Ok(None);
+        };
+        let n_rows = builder.metadata().file_metadata().num_rows();
+        let reader = reader_of(path, builder)?;
+        // The columns must exist also in a file without rows.
+        let no_rows = RecordBatch::new_empty(reader.schema());
+        append_batch(path, &no_rows, 0, &mut Vec::new())?;
+        Ok(Some(Self {
+            path: path.into(),
+            reader,
+            meta: stated.meta(frame_rate_hz),
+            filler: Filler::new(&stated, frame_rate_hz, n_frames)?,
+            n_rows: u64::try_from(n_rows).unwrap_or_default(),
+            n_read: 0,
+            found: VecDeque::new(),
+            is_over: false,
+        }))
+    }
+
+    /// Provenance and timing.
+    pub fn meta(&self) -> &PointsMeta {
+        &self.meta
+    }
+
+    /// Share of the rows that were read, 0..=1.
+    pub fn share_read(&self) -> f64 {
+        // The number of rows in a damaged file may be another one.
+        (self.n_read as f64 / self.n_rows.max(1) as f64).min(1.0)
+    }
+
+    /// The next frame; `None` at the end.
+    ///
+    /// # Errors
+    /// As [`read_points`].
+    pub fn next_frame(&mut self) -> Result<Option<PointFrame>, DatasetError> {
+        loop {
+            if let Some(frame) = self.found.front()
+                // More rows of the last frame may follow.
+                && (self.found.len() > 1 || self.is_over)
+            {
+                if let Some(empty) = self.filler.next_before(frame) {
+                    return Ok(Some(empty));
+                }
+                self.filler.pass(frame)?;
+                return Ok(self.found.pop_front());
+            }
+            if self.is_over {
+                return Ok(self.filler.next_at_end());
+            }
+            match next_batch(&self.path, &mut self.reader)? {
+                Some(batch) => {
+                    let mut frames: Vec<PointFrame> = self.found.drain(..).collect();
+                    append_batch(&self.path, &batch, self.n_read, &mut frames)?;
+                    self.found = frames.into();
+                    self.n_read += batch.num_rows() as u64;
+                }
+                None => self.is_over = true,
+            }
+        }
+    }
+}
+
+/// The metadata of a Parquet file.
+fn metadata_in(builder: &ParquetRecordBatchReaderBuilder<File>) -> HashMap<String, String> {
+    let metadata = builder.metadata().file_metadata().key_value_metadata();
+    let pairs = metadata.into_iter().flatten();
+    pairs
+        .filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?)))
+        .collect()
+}
+
+fn reader_of(
+    path: &Path,
+    builder: ParquetRecordBatchReaderBuilder<File>,
+) -> Result<ParquetRecordBatchReader, DatasetError> {
+    guard::isolated(path, || {
+        builder
+            .with_batch_size(BATCH_ROWS)
+            .build()
+            .map_err(|e| DatasetError::corrupt(path, e))
+    })
+}
+
+fn next_batch(
+    path: &Path,
+    reader: &mut ParquetRecordBatchReader,
+) -> Result<Option<RecordBatch>, DatasetError> {
+    guard::isolated(path, || {
+        let batch = reader.next().transpose();
+        batch.map_err(|e| DatasetError::corrupt(path, e))
+    })
 }
 
 /// Median of the ratio of frame number steps to time steps, 1/s.

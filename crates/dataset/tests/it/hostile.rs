@@ -1,9 +1,9 @@
 //! Damaged files give errors: no panic, no abort, no endless loop.
 
 use radarllm_dataset::shard::ShardReader;
-use radarllm_dataset::{Columns, Overwrite, PointsMeta, build, read_points, write_points};
+use radarllm_dataset::{Columns, Overwrite, PointsMeta, build, write_points};
 
-use crate::support::{Draw, frames, make, options, plan};
+use crate::support::{Draw, frames, make, options, plan, read_both};
 
 /// One random damage: flipped bits, a truncation, or a run of one byte.
 fn damage(bytes: &mut Vec<u8>, draw: &mut Draw) {
@@ -50,7 +50,7 @@ fn damaged_points_files_never_panic() {
         damage(&mut bytes, &mut Draw::new(seed));
         std::fs::write(&path, bytes).unwrap();
         // Either answer is right (a flipped bit of a value is still a value); returning is the test.
-        n_errors += usize::from(read_points(&path).is_err());
+        n_errors += usize::from(read_both(&path).is_err());
     }
     assert!(
         n_errors > 500,
@@ -95,9 +95,9 @@ fn what_is_not_parquet_is_refused() {
         b"x,y,z\n1,2,3\n1,2,3\n",
     ] {
         std::fs::write(&path, bytes).unwrap();
-        assert!(read_points(&path).is_err());
+        assert!(read_both(&path).is_err());
         assert!(ShardReader::open(&path, Columns::All).is_err());
     }
-    assert!(read_points(dir.path()).is_err(), "a directory");
-    assert!(read_points(&dir.path().join("absent")).is_err());
+    assert!(read_both(dir.path()).is_err(), "a directory");
+    assert!(read_both(&dir.path().join("absent")).is_err());
 }

@@ -4,11 +4,10 @@ use arrow_array::{ArrayRef, Float32Array, Float64Array, Int64Array, RecordBatch}
 use parquet::arrow::ArrowWriter;
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_dataset::{
-    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, read_points,
-    write_points,
+    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, write_points,
 };
 
-use crate::support::{Draw, frames};
+use crate::support::{Draw, frames, read_both};
 
 fn meta() -> PointsMeta {
     PointsMeta {
@@ -38,7 +37,7 @@ fn round_trip_keeps_everything_even_empty_and_lost_frames() {
             last.points.clear();
         }
         write_points(&path, &meta(), &frames, Overwrite::Refuse).unwrap();
-        let found = read_points(&path).unwrap();
+        let found = read_both(&path).unwrap();
         // The same as Arrow batches, in two pieces.
         let batch = points_to_batch(&meta(), &frames).unwrap();
         let (half, schema) = (batch.num_rows() / 2, batch.schema());
@@ -118,7 +117,7 @@ fn writing_refuses_nan_disorder_and_overwriting() {
     let error = write_points(&path, &meta(), &[], Overwrite::Refuse).unwrap_err();
     assert!(matches!(error, DatasetError::Exists { .. }));
     write_points(&path, &meta(), &[], Overwrite::Replace).unwrap();
-    assert_eq!(read_points(&path).unwrap().frames, []);
+    assert_eq!(read_both(&path).unwrap().frames, []);
 }
 
 /// A file as pandas writes it: 64-bit columns, nullable, no metadata of ours.
@@ -149,7 +148,7 @@ fn files_from_elsewhere_are_read_or_refused_with_column_and_row() {
         vec![0.0, 0.0, 0.2],
         vec![Some(0.5); 3],
     );
-    let found = read_points(&path).unwrap();
+    let found = read_both(&path).unwrap();
     let sizes: Vec<_> = found
         .frames
         .iter()
@@ -199,7 +198,7 @@ fn files_from_elsewhere_are_read_or_refused_with_column_and_row() {
     ];
     for (frame, t_s, x_m, expected) in cases {
         foreign(&path, frame, t_s, x_m);
-        let error = read_points(&path).unwrap_err().to_string();
+        let error = read_both(&path).unwrap_err().to_string();
         assert!(error.contains(expected), "{error} should name {expected}");
     }
 }
@@ -214,7 +213,7 @@ fn missing_columns_are_named() {
         ArrowWriter::try_new(std::fs::File::create(&path).unwrap(), batch.schema(), None).unwrap();
     writer.write(&batch).unwrap();
     writer.close().unwrap();
-    let error = read_points(&path).unwrap_err();
+    let error = read_both(&path).unwrap_err();
     assert!(
         matches!(&error, DatasetError::Column { column, .. } if column == "frame"),
         "{error}"

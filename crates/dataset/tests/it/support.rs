@@ -6,8 +6,8 @@ use std::path::Path;
 use radarllm_base::seed::derive_seed;
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_dataset::{
-    BuildOptions, BuildPlan, ClipRecord, ItemId, MOTION_FEATURE_DIM, Overwrite, SourceLicence,
-    Split,
+    BuildOptions, BuildPlan, ClipRecord, DatasetError, ItemId, MOTION_FEATURE_DIM, Overwrite,
+    PointsFile, PointsReader, SourceLicence, Split, read_points,
 };
 
 /// SplitMix64 by way of `derive_seed`.
@@ -160,4 +160,32 @@ pub fn tree(dir: &Path) -> BTreeMap<String, Vec<u8>> {
         }
     }
     files
+}
+
+/// Reads a points file as a whole, and frame by frame, which must give the same.
+pub fn read_both(path: &Path) -> Result<PointsFile, DatasetError> {
+    let whole = read_points(path);
+    let one_by_one = || -> Result<Option<PointsFile>, DatasetError> {
+        let file = std::fs::File::open(path).map_err(|source| DatasetError::Io {
+            path: path.into(),
+            operation: "open",
+            source,
+        })?;
+        let Some(mut reader) = PointsReader::open(file, path)? else {
+            return Ok(None);
+        };
+        let mut frames = Vec::new();
+        while let Some(frame) = reader.next_frame()? {
+            frames.push(frame);
+        }
+        assert!((0.0..=1.0).contains(&reader.share_read()));
+        let meta = reader.meta().clone();
+        Ok(Some(PointsFile { meta, frames }))
+    };
+    match (&whole, one_by_one()) {
+        (Ok(whole), Ok(Some(found))) => assert_eq!(&found, whole),
+        (Ok(_), Ok(None)) | (Err(_), Err(_) | Ok(None)) => {}
+        (whole, found) => panic!("{}: {whole:?}, {found:?}", path.display()),
+    }
+    whole
 }
