@@ -292,6 +292,10 @@ impl FrameDecoder {
 }
 
 /// Samples in pairs, `I0 I1 Q0 Q1`.
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` compiles it for every instruction set"
+)]
 #[inline(always)]
 fn i_first_pairs_body<L: SimdF32x16>(bytes: &[u8], samples: &mut [Complex32]) {
     for (words, pair) in bytes.chunks_exact(8).zip(samples.chunks_exact_mut(2)) {
@@ -302,6 +306,10 @@ fn i_first_pairs_body<L: SimdF32x16>(bytes: &[u8], samples: &mut [Complex32]) {
 }
 
 /// Samples in pairs, `Q0 Q1 I0 I1`.
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` compiles it for every instruction set"
+)]
 #[inline(always)]
 fn q_first_pairs_body<L: SimdF32x16>(bytes: &[u8], samples: &mut [Complex32]) {
     for (words, pair) in bytes.chunks_exact(8).zip(samples.chunks_exact_mut(2)) {

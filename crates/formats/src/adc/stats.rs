@@ -110,8 +110,9 @@ impl AdcStats {
             sums.saturated += u64::from(n_saturated(self.level, chirp, self.full_scale));
             sums.n_samples += n_samples as u64;
         }
+        let is_used = self.n_frames.is_multiple_of(FRAME_STEP);
         self.n_frames += 1;
-        if (self.n_frames - 1) % FRAME_STEP != 0 {
+        if !is_used {
             return;
         }
         let step = match cube.n_loops >= MIN_LOOPS * LOOP_STEP {
@@ -196,6 +197,10 @@ impl AdcStats {
 }
 
 /// Number of samples of which I or Q is at full scale.
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "`dispatch!` compiles it for every instruction set"
+)]
 #[inline(always)]
 fn n_saturated_body<L: SimdF32x16>(chirp: &[Complex32], full_scale: f32) -> u32 {
     let is_full = |z: &Complex32| z.re.abs().max(z.im.abs()) >= full_scale;
