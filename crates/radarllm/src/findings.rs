@@ -2,7 +2,7 @@
 
 use radarllm_base::StaticClutter;
 use radarllm_inference::{Description, Segment};
-use radarllm_measure::State;
+use radarllm_measure::{Activity, State};
 
 use crate::{
     Part, measured,
@@ -11,6 +11,9 @@ use crate::{
 
 /// Times that are nearer to each other touch, s.
 const TOUCH_S: f64 = 1e-6;
+/// What is left of something shorter than this where a part ends or begins, s, is nothing of its own: the two parts differ in
+/// where it begins or ends.
+const MIN_REST_S: f64 = 1.0;
 
 /// What is found before it is put together.
 #[derive(Default)]
@@ -92,8 +95,9 @@ impl Findings {
 
     /// Adds what was found in the next part. What goes on from one part to the next one is one thing.
     pub(crate) fn join(&mut self, next: Self) {
-        if let Some(states) = next.states {
+        if let Some(mut states) = next.states {
             let before = self.states.get_or_insert_default();
+            join_rests(before, &mut states);
             for state in states {
                 let goes_on = |s: &&mut State| {
                     s.track == state.track
@@ -125,6 +129,8 @@ impl Findings {
             }
             if let Some(said) = &mut self.said {
                 let mut all = std::mem::take(&mut said.segments);
+                let mut segments = segments;
+                join_rests(&mut all, &mut segments);
                 join_segments(&mut all, segments);
                 if !all.is_empty() {
                     said.set_segments(all);
@@ -133,6 +139,76 @@ impl Findings {
         }
         join_segments(&mut self.in_points, next.in_points);
         join_segments(&mut self.taught, next.taught);
+    }
+}
+
+/// Something with a beginning and an end.
+trait Span {
+    fn span_s(&self) -> [f64; 2];
+
+    fn set_span_s(&mut self, span_s: [f64; 2]);
+
+    /// Whether it begins where another one of the same person ends.
+    fn follows(&self, before: &Self) -> bool;
+
+    /// Whether it is too short for something that was not cut off.
+    fn is_rest(&self) -> bool {
+        let [start_s, end_s] = self.span_s();
+        end_s - start_s < MIN_REST_S
+    }
+}
+
+impl Span for Segment {
+    fn span_s(&self) -> [f64; 2] {
+        [self.start_s, self.end_s]
+    }
+
+    fn set_span_s(&mut self, [start_s, end_s]: [f64; 2]) {
+        (self.start_s, self.end_s) = (start_s, end_s);
+    }
+
+    fn follows(&self, before: &Self) -> bool {
+        (before.end_s - self.start_s).abs() < TOUCH_S
+    }
+}
+
+impl Span for State {
+    fn span_s(&self) -> [f64; 2] {
+        [self.start_s, self.end_s]
+    }
+
+    fn set_span_s(&mut self, [start_s, end_s]: [f64; 2]) {
+        (self.start_s, self.end_s) = (start_s, end_s);
+    }
+
+    fn follows(&self, before: &Self) -> bool {
+        before.track == self.track && (before.end_s - self.start_s).abs() < TOUCH_S
+    }
+
+    fn is_rest(&self) -> bool {
+        self.activity != Activity::Falls && self.end_s - self.start_s < MIN_REST_S
+    }
+}
+
+/// Gives what is left of something before or after the end of a part to what is on the other side of it.
+fn join_rests<S: Span>(before: &mut Vec<S>, after: &mut Vec<S>) {
+    let mut at = 0;
+    while at < before.len() {
+        let Some(next) = after.iter().position(|next| next.follows(&before[at])) else {
+            at += 1;
+            continue;
+        };
+        let ([start_s, _], [_, end_s]) = (before[at].span_s(), after[next].span_s());
+        if before[at].is_rest() {
+            before.remove(at);
+            after[next].set_span_s([start_s, end_s]);
+            continue;
+        }
+        if after[next].is_rest() {
+            after.remove(next);
+            before[at].set_span_s([start_s, end_s]);
+        }
+        at += 1;
     }
 }
 
@@ -191,5 +267,93 @@ impl LongDescription {
             sum.n_static += removed.n_static;
             sum.n_points += removed.n_points;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn segment(start_s: f64, end_s: f64, action: &'static str) -> Segment {
+        Segment {
+            start_s,
+            end_s,
+            caption: format!("a person does {action}"),
+            actions: vec![action],
+            confidence: 0.5,
+            side_confidence: None,
+            taught: None,
+            guess: None,
+        }
+    }
+
+    fn said(segments: &[(f64, f64, &'static str)]) -> Findings {
+        let segments = segments
+            .iter()
+            .map(|(a, b, action)| segment(*a, *b, action));
+        Findings {
+            said: Some(Description {
+                segments: segments.collect(),
+                ..Description::default()
+            }),
+            ..Findings::default()
+        }
+    }
+
+    #[test]
+    fn what_goes_on_is_one_segment_and_what_is_cut_off_is_none() {
+        let cases: [(&[_], &[_], &[_]); 4] = [
+            // The same on both sides.
+            (
+                &[(0.0, 600.0, "squat")],
+                &[(600.0, 700.0, "squat"), (700.0, 720.0, "walk")],
+                &[(0.0, 700.0, "squat"), (700.0, 720.0, "walk")],
+            ),
+            // The part before sees a change a little earlier, or the part after a little later.
+            (
+                &[(0.0, 599.9, "squat"), (599.9, 600.0, "walk")],
+                &[(600.0, 700.0, "walk")],
+                &[(0.0, 599.9, "squat"), (599.9, 700.0, "walk")],
+            ),
+            (
+                &[(0.0, 599.9, "squat"), (599.9, 600.0, "jump")],
+                &[(600.0, 700.0, "squat")],
+                &[(0.0, 700.0, "squat")],
+            ),
+            (
+                &[(0.0, 600.0, "squat")],
+                &[(600.0, 600.2, "jump"), (600.2, 700.0, "walk")],
+                &[(0.0, 600.2, "squat"), (600.2, 700.0, "walk")],
+            ),
+        ];
+        for (before, after, expected) in cases {
+            let mut all = said(before);
+            all.join(said(after));
+            let found = all.description(720.0).segments;
+            let found: Vec<_> = found
+                .iter()
+                .map(|s| (s.start_s, s.end_s, s.actions[0]))
+                .collect();
+            assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn what_is_outside_of_a_part_belongs_to_another_one() {
+        let mut part = said(&[
+            (0.0, 20.0, "walk"),
+            (20.0, 40.0, "squat"),
+            (40.0, 50.0, "jump"),
+        ]);
+        part.shift(100.0);
+        part.clip([130.0, 140.0]);
+        let found = part.description(10.0).segments;
+        let [only] = &found[..] else {
+            panic!("{found:?}")
+        };
+        assert_eq!(
+            (only.start_s, only.end_s, only.actions[0]),
+            (130.0, 140.0, "squat")
+        );
     }
 }
