@@ -10,7 +10,7 @@ const SILENT: Duration = Duration::from_secs(2);
 /// Time between two lines.
 const STEP: Duration = Duration::from_millis(500);
 
-/// Progress of a task on standard error, if that is a terminal.
+/// Progress of a task on standard error, if that is a terminal. The line is removed when this is dropped.
 pub(crate) struct Progress<'a> {
     what: &'a str,
     started: Instant,
@@ -40,10 +40,11 @@ impl<'a> Progress<'a> {
         let line = line(self.what, share, self.started.elapsed());
         let _ = write!(stderr(), "\r\x1b[K{line}");
     }
+}
 
-    /// Removes the line.
-    pub(crate) fn clear(&mut self) {
-        if self.shown.take().is_some() {
+impl Drop for Progress<'_> {
+    fn drop(&mut self) {
+        if self.shown.is_some() {
             let _ = write!(stderr(), "\r\x1b[K");
         }
     }

@@ -1,12 +1,13 @@
 //! Points of one frame at a time into level axes, by the function that places the points of a recording.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, path::Path};
 
 use radarllm_base::{PointFrame, Timeline};
 use radarllm_formats::Mounting;
 use radarllm_tracking::PointBackground;
 
 use crate::{
+    cleaning::about_background,
     error::Result,
     options::PointOptions,
     points::{Placement, place_with},
@@ -19,6 +20,9 @@ pub struct Placing {
     background: Option<PointBackground>,
     /// The last frames as they came, as many as are accumulated.
     recent: VecDeque<PointFrame>,
+    /// Points that were placed, and those of the empty scene that were removed from them.
+    n_points: usize,
+    n_removed: usize,
 }
 
 impl Placing {
@@ -33,25 +37,29 @@ impl Placing {
             frame_rate_hz,
             background,
             recent: VecDeque::new(),
+            n_points: 0,
+            n_removed: 0,
         })
     }
 
-    /// The points of the empty scene that are removed.
-    pub(crate) fn background(&self) -> Option<&PointBackground> {
-        self.background.as_ref()
+    /// What the removal of an empty scene, recorded in `path`, did up to now; `None` if none is removed.
+    pub(crate) fn about_background(&self, path: &Path) -> Option<String> {
+        let background = self.background.as_ref()?;
+        let (n_removed, n_points) = (self.n_removed, self.n_points);
+        Some(about_background(background, path, n_removed, n_points))
     }
 
-    /// Places the next frame. Returns also how many points of the empty scene were removed from it.
-    pub fn apply(&mut self, frame: PointFrame) -> (PointFrame, usize) {
+    /// Places the next frame.
+    pub fn apply(&mut self, frame: PointFrame) -> PointFrame {
         let mut placed = match self.placement.n_accumulated {
             0 | 1 => self.placement.of_frame(frame),
             _ => self.accumulated(frame),
         };
-        let n_removed = match &self.background {
-            Some(background) => background.remove(std::slice::from_mut(&mut placed)),
-            None => 0,
-        };
-        (placed, n_removed)
+        self.n_points += placed.points.len();
+        if let Some(background) = &self.background {
+            self.n_removed += background.remove(std::slice::from_mut(&mut placed));
+        }
+        placed
     }
 
     /// The next frame with the points of those before it.

@@ -29,7 +29,7 @@ use crate::{
 const IQ_STEP: usize = 32;
 
 /// The note about a recording without speeds.
-pub const NO_SPEEDS: &str =
+pub(crate) const NO_SPEEDS: &str =
     "no point has a speed: static points are not removed, because none is known to be static";
 
 /// A recording as points, ready for tracking or for a model.

@@ -11,7 +11,7 @@ use radarllm_base::{
 };
 use radarllm_dataset::PointsReader;
 use radarllm_formats::{
-    Mounting, RecordingFormat,
+    RecordingFormat,
     uart::{Guess, SubframeJoiner, UartError, UartParser, UartReport},
 };
 
@@ -25,7 +25,7 @@ use crate::{
         RecordedPoints, about_numbers, check_stream, explain_reasons, mounting, no_rate, radar_name,
     },
     radar::OpenedRadar,
-    recording::about_points_file,
+    recording::{NO_SPEEDS, about_points_file},
     serial, visualizer,
 };
 
@@ -94,10 +94,14 @@ impl PointStream {
     /// # Errors
     /// A stream in which nothing of what was detected can be read.
     pub fn finish(self) -> Result<StreamEnd> {
-        match self {
-            Self::Uart(stream) => stream.finish(),
-            Self::PointsFile(stream) => Ok(stream.finish()),
+        let mut end = match self {
+            Self::Uart(stream) => stream.finish()?,
+            Self::PointsFile(stream) => stream.finish(),
+        };
+        if !end.has_speeds {
+            end.notes.push(NO_SPEEDS.into());
         }
+        Ok(end)
     }
 }
 
@@ -105,7 +109,9 @@ impl PointStream {
 pub struct PointsFileStream {
     reader: PointsReader,
     about: Clip,
-    placed: Placed,
+    placing: Placing,
+    /// Recording of the empty scene, if points of it are removed.
+    empty_scene: Option<PathBuf>,
 }
 
 impl PointsFileStream {
@@ -116,63 +122,28 @@ impl PointsFileStream {
             return Ok(None);
         };
         let about = about_points_file(reader.meta(), options);
-        let placed = Placed::new(options, options.points.mounting()?, about.frame_rate_hz)?;
+        let (points, background) = (&options.points, cleaning::point_background(options)?);
         Ok(Some(Self {
             reader,
+            placing: Placing::new(points, points.mounting()?, about.frame_rate_hz, background)?,
             about,
-            placed,
+            empty_scene: options.cleaning.background.clone(),
         }))
     }
 
     fn next_frame(&mut self) -> Result<Option<PointFrame>> {
         let frame = self.reader.next_frame()?;
-        Ok(frame.map(|frame| self.placed.apply(frame)))
+        Ok(frame.map(|frame| self.placing.apply(frame)))
     }
 
     fn finish(self) -> StreamEnd {
+        let about = |path: PathBuf| self.placing.about_background(&path);
         StreamEnd {
-            notes: self.placed.about_background().into_iter().collect(),
+            notes: self.empty_scene.and_then(about).into_iter().collect(),
             warnings: Vec::new(),
             // Whether static points may be removed is in the file.
             has_speeds: true,
         }
-    }
-}
-
-/// Frames in level axes, and what was removed from them.
-struct Placed {
-    placing: Placing,
-    /// Recording of the empty scene, if points of it are removed.
-    empty_scene: Option<PathBuf>,
-    /// Points before and after the removal of the empty scene.
-    n_points: usize,
-    n_removed: usize,
-}
-
-impl Placed {
-    fn new(options: &CaptureOptions, mounting: Mounting, frame_rate_hz: f64) -> Result<Self> {
-        let background = cleaning::point_background(options)?;
-        Ok(Self {
-            placing: Placing::new(&options.points, mounting, frame_rate_hz, background)?,
-            empty_scene: options.cleaning.background.clone(),
-            n_points: 0,
-            n_removed: 0,
-        })
-    }
-
-    fn apply(&mut self, frame: PointFrame) -> PointFrame {
-        self.n_points += frame.points.len();
-        let (frame, n_removed) = self.placing.apply(frame);
-        self.n_removed += n_removed;
-        frame
-    }
-
-    fn about_background(&self) -> Option<String> {
-        let (background, path) = self.placing.background().zip(self.empty_scene.as_ref())?;
-        let (n_removed, n_points) = (self.n_removed, self.n_points);
-        Some(cleaning::about_background(
-            background, path, n_removed, n_points,
-        ))
     }
 }
 
@@ -201,9 +172,11 @@ pub struct UartStream {
     has_speeds: bool,
     /// Velocity of a Doppler bin, m/s, if it is known.
     doppler_step_mps: Option<f64>,
-    /// `None` until the frame rate is known to be missing.
+    /// [`TimelineError::NoRate`] if the frame rate is not known.
     clock: std::result::Result<NumberClock, TimelineError>,
-    placed: Placed,
+    placing: Placing,
+    /// Recording of the empty scene, if points of it are removed.
+    empty_scene: Option<PathBuf>,
     end: Option<End>,
     /// Notes about the format, and about the radar and its mounting.
     format_note: String,
@@ -224,7 +197,7 @@ pub struct StreamEnd {
     pub notes: Vec<String>,
     /// What a user should know before trusting the points, a sentence each.
     pub warnings: Vec<String>,
-    /// Whether a point has a speed. Where none has, none is known to be static.
+    /// Whether a point has a speed. Where none has, none is known to be static, which is among the notes.
     pub has_speeds: bool,
 }
 
@@ -271,7 +244,8 @@ impl UartStream {
             None => Err(TimelineError::NoRate),
         };
         let frame_rate_hz = clock.as_ref().map_or(1.0, NumberClock::frame_rate_hz);
-        let placed = Placed::new(options, mounting, frame_rate_hz)?;
+        let background = cleaning::point_background(options)?;
+        let placing = Placing::new(points, mounting, frame_rate_hz, background)?;
         let mut n_bytes = None;
         let source: Box<dyn Read> = if serial::is_port(&path) {
             let seconds = points.listening_time_s()?;
@@ -303,7 +277,8 @@ impl UartStream {
             has_tracks: false,
             has_speeds: false,
             clock,
-            placed,
+            placing,
+            empty_scene: options.cleaning.background.clone(),
             end: None,
             format_note: format!("format {} ({reason})", format.name()),
             radar_notes: notes,
@@ -343,7 +318,7 @@ impl UartStream {
     fn next_frame(&mut self) -> Result<Option<PointFrame>> {
         loop {
             if let Some(frame) = self.next_timed()? {
-                let frame = self.placed.apply(frame);
+                let frame = self.placing.apply(frame);
                 self.has_speeds |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
                 return Ok(Some(frame));
             }
@@ -475,7 +450,8 @@ impl UartStream {
             warnings.push(text.clone());
             notes.push(text);
         }
-        notes.extend(self.placed.about_background());
+        let about = |path: PathBuf| self.placing.about_background(&path);
+        notes.extend(self.empty_scene.and_then(about));
         Ok(StreamEnd {
             notes,
             warnings,

@@ -33,7 +33,7 @@ pub(crate) struct Findings {
 pub struct LongDescription {
     /// The description, without radar tokens.
     pub description: Description,
-    /// Number of frames as the model reads them, and their time, s.
+    /// Number of frames as the model reads them.
     pub frames: usize,
     /// Length of the recording as the model reads it, s.
     pub seconds: f64,
@@ -65,32 +65,18 @@ impl Findings {
 
     /// Moves all times.
     pub(crate) fn shift(&mut self, by_s: f64) {
-        for state in self.states.iter_mut().flatten() {
-            state.start_s += by_s;
-            state.end_s += by_s;
-        }
-        for segment in self.segments().flatten() {
-            segment.start_s += by_s;
-            segment.end_s += by_s;
-        }
+        self.states
+            .iter_mut()
+            .for_each(|states| shift(states, by_s));
+        self.segments().for_each(|segments| shift(segments, by_s));
     }
 
     /// Keeps what is within a time.
-    pub(crate) fn clip(&mut self, [start_s, end_s]: [f64; 2]) {
-        if let Some(states) = &mut self.states {
-            for state in &mut *states {
-                state.start_s = state.start_s.max(start_s);
-                state.end_s = state.end_s.min(end_s);
-            }
-            states.retain(|state| state.start_s < state.end_s);
-        }
-        for segments in self.segments() {
-            for segment in &mut *segments {
-                segment.start_s = segment.start_s.max(start_s);
-                segment.end_s = segment.end_s.min(end_s);
-            }
-            segments.retain(|segment| segment.start_s < segment.end_s);
-        }
+    pub(crate) fn clip(&mut self, span_s: [f64; 2]) {
+        self.states
+            .iter_mut()
+            .for_each(|states| clip(states, span_s));
+        self.segments().for_each(|segments| clip(segments, span_s));
     }
 
     /// Adds what was found in the next part. What goes on from one part to the next one is one thing.
@@ -98,44 +84,17 @@ impl Findings {
         if let Some(mut states) = next.states {
             let before = self.states.get_or_insert_default();
             join_rests(before, &mut states);
-            for state in states {
-                let goes_on = |s: &&mut State| {
-                    s.track == state.track
-                        && s.activity == state.activity
-                        && (s.end_s - state.start_s).abs() < TOUCH_S
-                };
-                match before.iter_mut().rev().find(goes_on) {
-                    Some(last) => {
-                        let [first_s, second_s] =
-                            [&*last, &state].map(|s| (s.end_s - s.start_s) as f32);
-                        let weight = second_s / (first_s + second_s);
-                        last.probability += weight * (state.probability - last.probability);
-                        last.end_s = state.end_s;
-                        last.places_m[1] = state.places_m[1];
-                    }
-                    None => before.push(state),
-                }
-            }
+            join_states(before, states);
         }
-        if let Some(mut said) = next.said {
-            let segments = std::mem::take(&mut said.segments);
-            match &mut self.said {
-                None => self.said = Some(said),
-                Some(before) => {
-                    before.windows += said.windows;
-                    // Nobody is seen in the whole only if nobody is seen in any part.
-                    before.abstained = before.abstained.filter(|_| said.abstained.is_some());
-                }
+        match (&mut self.said, next.said) {
+            (Some(before), Some(mut said)) => {
+                join_rests(&mut before.segments, &mut said.segments);
+                join_segments(&mut before.segments, said.segments);
+                before.windows += said.windows;
+                // Nobody is seen in the whole only if nobody is seen in any part.
+                before.abstained = before.abstained.filter(|_| said.abstained.is_some());
             }
-            if let Some(said) = &mut self.said {
-                let mut all = std::mem::take(&mut said.segments);
-                let mut segments = segments;
-                join_rests(&mut all, &mut segments);
-                join_segments(&mut all, segments);
-                if !all.is_empty() {
-                    said.set_segments(all);
-                }
-            }
+            (said, next) => *said = said.take().or(next),
         }
         join_segments(&mut self.in_points, next.in_points);
         join_segments(&mut self.taught, next.taught);
@@ -190,6 +149,23 @@ impl Span for State {
     }
 }
 
+fn shift<S: Span>(spans: &mut [S], by_s: f64) {
+    for span in spans {
+        span.set_span_s(span.span_s().map(|t_s| t_s + by_s));
+    }
+}
+
+fn clip<S: Span>(spans: &mut Vec<S>, [start_s, end_s]: [f64; 2]) {
+    for span in &mut *spans {
+        let [from_s, to_s] = span.span_s();
+        span.set_span_s([from_s.max(start_s), to_s.min(end_s)]);
+    }
+    spans.retain(|span| {
+        let [from_s, to_s] = span.span_s();
+        from_s < to_s
+    });
+}
+
 /// Gives what is left of something before or after the end of a part to what is on the other side of it.
 fn join_rests<S: Span>(before: &mut Vec<S>, after: &mut Vec<S>) {
     let mut at = 0;
@@ -209,6 +185,23 @@ fn join_rests<S: Span>(before: &mut Vec<S>, after: &mut Vec<S>) {
             before[at].set_span_s([start_s, end_s]);
         }
         at += 1;
+    }
+}
+
+/// Adds the states of the next part.
+fn join_states(all: &mut Vec<State>, next: Vec<State>) {
+    for state in next {
+        let goes_on = |s: &&mut State| s.activity == state.activity && state.follows(s);
+        match all.iter_mut().rev().find(goes_on) {
+            Some(last) => {
+                let [first_s, second_s] = [&*last, &state].map(|s| (s.end_s - s.start_s) as f32);
+                let weight = second_s / (first_s + second_s);
+                last.probability += weight * (state.probability - last.probability);
+                last.end_s = state.end_s;
+                last.places_m[1] = state.places_m[1];
+            }
+            None => all.push(state),
+        }
     }
 }
 
@@ -238,7 +231,7 @@ fn goes_on(last: &Segment, next: &Segment) -> bool {
         true => last.caption == next.caption,
         false => true,
     };
-    (last.end_s - next.start_s).abs() < TOUCH_S
+    next.follows(last)
         && last.actions == next.actions
         && last.taught == next.taught
         && last.guess.is_some() == next.guess.is_some()

@@ -122,12 +122,11 @@ impl Input {
         }
         let mut about = stream.about()?;
         let StreamEnd {
-            mut notes,
+            notes,
             warnings,
             has_speeds,
         } = stream.finish()?;
         if !has_speeds {
-            notes.push(radarllm_io::recording::NO_SPEEDS.into());
             about.clutter = Clutter::Settled;
         }
         let Some(mut survey) = survey else {

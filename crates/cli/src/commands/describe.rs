@@ -7,8 +7,9 @@ use std::{
 
 use clap::Args;
 use radarllm::{
-    BundledModel, Captioner, Clip, DescribeOptions, Input, LongRecording, Person, PrepareOptions,
-    PreparedClip, Recording, SimulateOptions, Site, SiteError, board_people, prepare_for_model,
+    BundledModel, Captioner, Clip, DescribeOptions, Description, Input, LongRecording, Person,
+    PrepareOptions, PreparedClip, Recording, SimulateOptions, Site, SiteError, board_people,
+    prepare_for_model,
 };
 use radarllm_base::StaticClutter;
 use radarllm_inference::{
@@ -163,21 +164,39 @@ pub(crate) fn describe(
 ) -> CliResult<Row> {
     let started = Instant::now();
     let described = captioner.describe_prepared(clip, options)?;
-    Ok(Row {
+    let length = (clip.frames.len(), clip.duration_s());
+    Ok(row(
+        captioner,
+        source_of(input, clip),
+        described,
+        length,
+        started,
+    ))
+}
+
+/// The row of a description that was begun at `started`, of a number of frames and seconds.
+fn row(
+    captioner: &Captioner,
+    source: SourceReport,
+    described: Description,
+    (frames, clip_seconds): (usize, f64),
+    started: Instant,
+) -> Row {
+    Row {
         caption: described.caption,
         reason: described.abstained.map(|why| why.to_string()),
         confidence: described.confidence,
-        source: source_of(input, clip),
+        source,
         model: captioner.name().into(),
         segments: described.segments,
         choices: described.choices,
         tokens: described.tokens,
-        frames: clip.frames.len(),
-        clip_seconds: clip.duration_s(),
+        frames,
+        clip_seconds,
         seconds: started.elapsed().as_secs_f64(),
         peak_memory_mb: peak_memory_mb(),
         person: None,
-    })
+    }
 }
 
 /// The clip of a recording as the model expects it; what was done to it goes to stderr.
@@ -234,8 +253,8 @@ fn site_of(clip: &Clip) -> Option<Result<Site, SiteError>> {
 }
 
 /// Says why postures of a recording in which a board tracks people are less sure, if they are.
-fn doubt_about_site(input: &str, args: &DescribeArgs, site: Option<Result<Site, SiteError>>) {
-    let Some(Err(error)) = site.filter(|_| args.site.is_none()) else {
+fn doubt_about_site(input: &str, site: Option<Result<Site, SiteError>>) {
+    let Some(Err(error)) = site else {
         return;
     };
     match error {
@@ -263,34 +282,16 @@ fn describe_long(
     print_about(input, &recording.notes, &recording.warnings, detail);
     let source = source_of(input, &recording.about);
     let started = Instant::now();
-    let show = |share| {
-        if let Some(progress) = &mut progress {
-            progress.show(share);
-        }
-    };
-    let long = captioner.describe_long(recording, options, show);
-    if let Some(progress) = &mut progress {
-        progress.clear();
-    }
-    let long = long?;
+    let long = captioner.describe_long(recording, options, |share| {
+        progress
+            .iter_mut()
+            .for_each(|progress| progress.show(share));
+    })?;
+    drop(progress);
     note_removed(input, long.removed_static);
     note_gaps(input, &long.gaps, detail);
-    let described = long.description;
-    Ok(Row {
-        caption: described.caption,
-        reason: described.abstained.map(|why| why.to_string()),
-        confidence: described.confidence,
-        source,
-        model: captioner.name().into(),
-        segments: described.segments,
-        choices: described.choices,
-        tokens: described.tokens,
-        frames: long.frames,
-        clip_seconds: long.seconds,
-        seconds: started.elapsed().as_secs_f64(),
-        peak_memory_mb: peak_memory_mb(),
-        person: None,
-    })
+    let length = (long.frames, long.seconds);
+    Ok(row(captioner, source, long.description, length, started))
 }
 
 /// Prints a row for people: a line about the source, then the sentences.
@@ -465,8 +466,9 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             .with_simulation(simulation.clone())
     };
     let clips_of = |input: &String, recording: Recording| {
-        let site = site_of(&recording.clip);
-        doubt_about_site(input, args, site);
+        if args.site.is_none() {
+            doubt_about_site(input, site_of(&recording.clip));
+        }
         let clip = prepared(input, &recording, detail)?;
         clips_of_people(input, clip, &args.people)
     };
@@ -496,7 +498,9 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             false => match source(input).read()? {
                 Input::Whole(recording) => *recording,
                 Input::Long(long) => {
-                    doubt_about_site(input, args, long.site.clone());
+                    if args.site.is_none() {
+                        doubt_about_site(input, long.site.clone());
+                    }
                     let progress = (args.inputs.len() == 1).then(|| Progress::new(input));
                     let row =
                         describe_long(&captioner, input, *long, &describing, detail, progress)?;

@@ -11,7 +11,7 @@ use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_io::{
     CaptureOptions, ExtractedPoints, Opened, PointStream, RecordingKind, StreamEnd,
     options::{NEEDS_SAMPLES, refuse_options},
-    recording::{NO_SPEEDS, read_recorded_points},
+    recording::read_recorded_points,
 };
 use radarllm_synth::processing::ProcessingFile;
 use radarllm_tracking::{People, find_people};
@@ -321,19 +321,17 @@ fn convert_samples(args: &ProcessArgs, samples: &mut SampleRecording) -> CliResu
     let mut placing = samples.placing()?;
     let first = samples.next_points(|_, _, _| Ok(()))?;
     samples.check_has_frames()?;
-    let first = first.map(|frame| placing.apply(frame).0);
+    let first = first.map(|frame| placing.apply(frame));
     let about = samples.about();
     let name = args.capture[0].display().to_string();
     let mut progress = Progress::new(&name);
     let mut n_frames = 1;
-    let written = write_each(args, &about, first, || {
+    write_each(args, &about, first, || {
         let frame = samples.next_points(|_, _, _| Ok(()))?;
         n_frames += 1;
         progress.show(args.frames.map(|all| f64::from(n_frames) / all as f64));
-        Ok(frame.map(|frame| placing.apply(frame).0))
-    });
-    progress.clear();
-    written
+        Ok(frame.map(|frame| placing.apply(frame)))
+    })
 }
 
 /// The plots to write: individually named ones, or all plots in a folder.
@@ -575,17 +573,13 @@ fn convert_stream(args: &ProcessArgs, mut stream: PointStream) -> CliResult<Reco
         let frame = stream.next_frame();
         progress.show(stream.share_read());
         frame
-    });
-    progress.clear();
-    let written = written?;
+    })?;
+    drop(progress);
     let StreamEnd {
-        mut notes,
+        notes,
         mut warnings,
-        has_speeds,
+        ..
     } = stream.finish()?;
-    if !has_speeds {
-        notes.push(NO_SPEEDS.into());
-    }
     warnings.retain(|warning| !notes.contains(warning));
     Ok(RecordedReport {
         frames: written.frames,

@@ -95,7 +95,7 @@ impl Output {
             }
             self.delays[1] = self.delays[0];
             self.frames += 1;
-            let (frame, _) = self.placing.apply(PointFrame {
+            let frame = self.placing.apply(PointFrame {
                 frame: u32::try_from(at).unwrap_or(u32::MAX),
                 time_s: self.clock.time_s(at),
                 points: content.points,
