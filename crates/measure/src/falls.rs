@@ -105,6 +105,33 @@ pub(crate) fn walks_on(person: &TrackedPerson, fall: &Fall) -> bool {
     })
 }
 
+/// Whether the points where somebody fell are still at the height of a person who is up: then the track sank alone. Who
+/// lies has half of the points within 0.8 m of the floor, who walks above 1.4 m (docs/results/boards.md).
+pub(crate) fn stays_up(frames: &[PointFrame], fall: &Fall, site: &Site) -> bool {
+    /// Height of the middle of the points below a standing person, m, from which on the person lies.
+    const LIES_M: f32 = 0.55;
+    /// When the points are looked at, s after the fall, and how near they are, m.
+    const AFTER_S: [f64; 2] = [0.5, 2.0];
+    const NEAR_M: f32 = 1.0;
+    /// Fewer points say nothing: some boards report none of who keeps still.
+    const MIN_POINTS: usize = 10;
+    let [from_s, to_s] = AFTER_S.map(|s| fall.t_s + s);
+    let points = frames
+        .iter()
+        .filter(|frame| (from_s..=to_s).contains(&frame.time_s))
+        .flat_map(|frame| &frame.points)
+        .filter(|point| !point.is_leakage());
+    let heights_m: Vec<f32> = points
+        .filter_map(|point| {
+            let [y_m, z_m] = site.level([point.y_m, point.z_m]);
+            let apart_m = (point.x_m - fall.place_m[0]).hypot(y_m - fall.place_m[1]);
+            (apart_m < NEAR_M).then_some(z_m)
+        })
+        .collect();
+    heights_m.len() >= MIN_POINTS
+        && quantile_nearest(heights_m, 0.5).is_some_and(|z_m| site.standing_m - z_m < LIES_M)
+}
+
 /// Adds a fall; of several that are one, the surest stays.
 fn push(falls: &mut Vec<Fall>, fall: Fall) {
     match falls.last_mut() {

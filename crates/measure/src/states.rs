@@ -4,7 +4,7 @@ use radarllm_base::{PointFrame, stats::quantile_nearest};
 
 use crate::{
     Site,
-    falls::{Fall, falls_of, falls_of_points, is_within, walks_on},
+    falls::{Fall, falls_of, falls_of_points, is_within, stays_up, walks_on},
     people::{MIN_TRACKED_S, Sample, TrackedPerson, Tracker, tracked_people},
     posture::{Posture, PostureProbabilities},
 };
@@ -79,9 +79,21 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
     let whole_s = span_s([frames.first(), frames.last()].map(|f| f.map(|f| f.time_s)));
     // A track that flickers is nobody, unless the recording is as short.
     let is_somebody = |p: &&TrackedPerson| p.length_s() >= MIN_TRACKED_S.min(0.5 * whole_s);
+    let falls_of_person = |person: &TrackedPerson| -> Vec<Fall> {
+        let falls = match is_flat(person) {
+            // One person at a time: the points are those of the room.
+            true => {
+                let falls = falls.iter().copied();
+                falls.filter(|fall| !walks_on(person, fall)).collect()
+            }
+            false => falls_of(person, site),
+        };
+        let falls = falls.into_iter();
+        falls.filter(|fall| !stays_up(frames, fall, site)).collect()
+    };
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
-        .flat_map(|p| states_of(p, site, &falls))
+        .flat_map(|p| states_of(p, site, &falls_of_person(p)))
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Some(states)
@@ -102,20 +114,12 @@ fn is_flat(person: &TrackedPerson) -> bool {
     person.samples.iter().all(|s| s.height_m.is_none())
 }
 
-/// What a person does. Where the board tracks in a plane, the falls are those that the points show.
-pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) -> Vec<State> {
-    let falls = match is_flat(person) {
-        // One person at a time: the points are those of the room.
-        true => {
-            let falls = falls_in_points.iter().copied();
-            falls.filter(|fall| !walks_on(person, fall)).collect()
-        }
-        false => falls_of(person, site),
-    };
-    let seconds = seconds_of(person, site, &falls);
+/// What a person does who has these falls.
+pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<State> {
+    let seconds = seconds_of(person, site, falls);
     let mut states: Vec<State> = Vec::new();
     for (i, second) in seconds.iter().enumerate() {
-        let (activity, mut probability) = activity_of(&seconds, i, &falls);
+        let (activity, mut probability) = activity_of(&seconds, i, falls);
         if person.tracker == Tracker::Points && activity == Activity::Walks {
             probability *= SURE_BY_POINTS;
         }
@@ -377,6 +381,37 @@ mod tests {
             assert_eq!(walks(Tracker::Board, speed_mps), board, "{speed_mps}");
             assert_eq!(walks(Tracker::Points, speed_mps), points, "{speed_mps}");
         }
+    }
+
+    /// A track that sinks by itself is no fall: the points of the person stay up.
+    #[test]
+    fn a_fall_brings_the_points_down() {
+        let falls = |points_m: f32, per_frame: usize| {
+            let mut frames = frames(14.0, |t| {
+                let share = ((t as f32 - 8.0) / 0.8).clamp(0.0, 1.0);
+                let speed_mps = if share > 0.0 && share < 1.0 {
+                    -1.7
+                } else {
+                    0.0
+                };
+                Some([2.5, 0.1 - 1.3 * share, speed_mps])
+            });
+            for frame in &mut frames {
+                let point = radarllm_base::RadarPoint {
+                    y_m: 2.4,
+                    z_m: points_m,
+                    range_m: 2.4,
+                    ..Default::default()
+                };
+                frame.points = vec![point; per_frame];
+            }
+            let states = measure(&frames, &Site::unlearned("board", 1.5)).unwrap();
+            states.iter().any(|s| s.activity == Activity::Falls)
+        };
+        assert!(!falls(-0.2, 4));
+        assert!(falls(-1.0, 4));
+        // Without points, the track decides.
+        assert!(falls(-0.2, 0));
     }
 
     #[test]

@@ -6,13 +6,14 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use radarllm_base::RadarConfig;
+use radarllm_base::{RadarConfig, seed::derive_seed};
 use radarllm_dataset::{
     ClipRecord, Manifest, Overwrite, ShardEntry, SourceLicence, Split,
     builder::{BuildOptions, BuildPlan, BuildReport, Builder, BuiltShards, ItemId, Progress},
 };
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_io::{Error, Result};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
 use crate::{
     SynthError, Synthesizer, arithmetic::arithmetic, config::DatasetConfig, corpus::Corpus,
@@ -58,13 +59,31 @@ use crate::{
 /// ```
 pub struct DatasetPlan {
     config: DatasetConfig,
-    radar: RadarConfig,
+    boards: Vec<Board>,
     corpora: Vec<Box<dyn Corpus>>,
     /// By clip: corpus, item and variant.
     places: HashMap<String, (usize, usize, usize)>,
     builder: Builder,
+}
+
+/// A board of the data set with its chains.
+struct Board {
+    config: DatasetConfig,
+    radar: RadarConfig,
     /// Planned chains that no thread uses at present: planning FFTs takes milliseconds.
     idle: Mutex<Vec<Synthesizer>>,
+}
+
+impl Board {
+    fn open(config: DatasetConfig, base: &Path) -> std::result::Result<Self, SynthError> {
+        let radar = config.open_radar(base)?;
+        config.stored_rate_hz(&radar)?;
+        Ok(Self {
+            config,
+            radar,
+            idle: Mutex::default(),
+        })
+    }
 }
 
 impl DatasetPlan {
@@ -95,7 +114,22 @@ impl DatasetPlan {
         base: &Path,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> std::result::Result<Self, SynthError> {
-        let radar = config.open_radar(base)?;
+        let boards = config
+            .boards()
+            .into_iter()
+            .map(|board| Board::open(board, base))
+            .collect::<std::result::Result<Vec<_>, _>>()?;
+        let first = boards
+            .first()
+            .ok_or_else(|| SynthError::Config("no board".into()))?;
+        let frame_rate_hz = first.config.stored_rate_hz(&first.radar)?;
+        let mut names: Vec<&str> = Vec::new();
+        for board in &boards {
+            if !names.contains(&&*board.radar.name) {
+                names.push(&board.radar.name);
+            }
+        }
+        let radars = names.join(", ");
         let corpora = config.open_sources_until(base, stop)?;
         let mut places: HashMap<String, (usize, usize, usize)> = HashMap::new();
         let mut items = Vec::new();
@@ -130,8 +164,8 @@ impl DatasetPlan {
             name: config.name.clone(),
             tool_version: env!("CARGO_PKG_VERSION").into(),
             arithmetic: arithmetic(),
-            radar: radar.name.clone(),
-            frame_rate_hz: config.stored_rate_hz(&radar)?,
+            radar: radars,
+            frame_rate_hz,
             seed: config.seed,
             config_toml: toml::to_string(&config).map_err(|e| SynthError::Config(e.to_string()))?,
             items,
@@ -149,11 +183,10 @@ impl DatasetPlan {
         };
         Ok(Self {
             config,
-            radar,
+            boards,
             corpora,
             places,
             builder: Builder::new(plan)?,
-            idle: Mutex::default(),
         })
     }
 
@@ -272,15 +305,23 @@ impl DatasetPlan {
 
     fn make(&self, id: &ItemId) -> std::result::Result<ClipRecord, SynthError> {
         let (corpus_idx, item_idx, variant) = self.places[&id.id];
-        let idle = || self.idle.lock().unwrap_or_else(PoisonError::into_inner);
+        let board = &self.boards[self.board_of(&id.id)];
+        let idle = || board.idle.lock().unwrap_or_else(PoisonError::into_inner);
         let ready = idle().pop();
         let mut synthesizer = match ready {
             Some(ready) => ready,
-            None => self.config.synthesizer(&self.radar)?,
+            None => board.config.synthesizer(&board.radar)?,
         };
         let corpus: &dyn Corpus = self.corpora[corpus_idx].as_ref();
-        let record = make_record(&mut synthesizer, corpus, item_idx, variant, &self.config);
+        let record = make_record(&mut synthesizer, corpus, item_idx, variant, &board.config);
         idle().push(synthesizer);
         record
+    }
+
+    /// The board of a clip, drawn from its name and the seed of the data set.
+    fn board_of(&self, id: &str) -> usize {
+        let clip = derive_seed(self.config.seed, id);
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(clip, "board"));
+        rng.random_range(0..self.boards.len())
     }
 }

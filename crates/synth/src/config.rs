@@ -101,8 +101,42 @@ pub struct DatasetConfig {
     /// data set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub room: Option<RoomFile>,
+    /// Boards of which each clip has one, drawn at random; the values above are those of boards that do not state their
+    /// own. One board with the values above if absent.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub board: Vec<BoardConfig>,
     /// Sources of the motions.
     pub source: Vec<SourceConfig>,
+}
+
+/// A board of [`DatasetConfig::board`]: what differs from the values of the data set.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BoardConfig {
+    /// As [`DatasetConfig::radar`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radar: Option<String>,
+    /// As [`DatasetConfig::radar_height_m`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radar_height_m: Option<f32>,
+    /// As [`DatasetConfig::slowest_mps`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slowest_mps: Option<f32>,
+    /// As [`DatasetConfig::remove_static_cells`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub remove_static_cells: Option<bool>,
+    /// As [`DatasetConfig::impairments`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub impairments: Option<ImpairmentsFile>,
+    /// As [`DatasetConfig::processing`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub processing: Option<ProcessingFile>,
+    /// As [`DatasetConfig::threshold_offset_db`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub threshold_offset_db: Option<[f64; 2]>,
+    /// As [`DatasetConfig::objects`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects: Option<ObjectsFile>,
 }
 
 fn is_default<T: Default + PartialEq>(table: &T) -> bool {
@@ -156,6 +190,7 @@ impl Default for DatasetConfig {
             threshold_offset_db: [0.0, 0.0],
             objects: None,
             room: None,
+            board: Vec::new(),
             source: Vec::new(),
         }
     }
@@ -165,6 +200,9 @@ impl Default for DatasetConfig {
 const BODY_HEIGHT_M: RangeInclusive<f32> = 1.0..=2.0;
 /// Most heights of a data set: each body is polygonised once and kept in memory.
 const MAX_BODIES: usize = 8;
+
+/// Most boards of a data set: the chain of each is planned once for each thread.
+const MAX_BOARDS: usize = 64;
 
 /// Permitted values of the maximum facet edge length of a simulated body, m: from a hundred thousand facets to a body
 /// without hands.
@@ -184,7 +222,64 @@ impl DatasetConfig {
         Ok(config)
     }
 
+    /// The configurations of the boards: this one alone if it names none. The clips of a board are those of a data set
+    /// with its configuration.
+    pub fn boards(&self) -> Vec<Self> {
+        let shared = || Self {
+            board: Vec::new(),
+            ..self.clone()
+        };
+        if self.board.is_empty() {
+            return vec![shared()];
+        }
+        let with = |board: &BoardConfig| {
+            let board = board.clone();
+            let mut config = shared();
+            config.radar = board.radar.unwrap_or(config.radar);
+            config.radar_height_m = board.radar_height_m.unwrap_or(config.radar_height_m);
+            config.slowest_mps = board.slowest_mps.unwrap_or(config.slowest_mps);
+            config.remove_static_cells = board
+                .remove_static_cells
+                .unwrap_or(config.remove_static_cells);
+            config.impairments = board.impairments.unwrap_or(config.impairments);
+            config.processing = board.processing.unwrap_or(config.processing);
+            config.threshold_offset_db = board
+                .threshold_offset_db
+                .unwrap_or(config.threshold_offset_db);
+            config.objects = board.objects.or(config.objects);
+            config
+        };
+        self.board.iter().map(with).collect()
+    }
+
+    /// Checks every value, those of each board together with the values that it shares with the others.
     fn check(&self) -> Result<(), SynthError> {
+        if self.board.len() > MAX_BOARDS {
+            return Err(SynthError::Config(format!(
+                "[[board]]: at most {MAX_BOARDS} boards, found {}",
+                self.board.len()
+            )));
+        }
+        if !self.board.is_empty() && self.frame_rate_hz.is_none() {
+            return Err(SynthError::Config(
+                "[[board]]: state frame_rate_hz, the rate of the stored frames of all boards"
+                    .into(),
+            ));
+        }
+        let n_boards = self.board.len();
+        for (i, config) in self.boards().iter().enumerate() {
+            config.check_board().map_err(|error| match error {
+                SynthError::Config(problem) if n_boards > 0 => {
+                    SynthError::Config(format!("board {} of {n_boards}: {problem}", i + 1))
+                }
+                error => error,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Checks the values of a configuration with one board.
+    fn check_board(&self) -> Result<(), SynthError> {
         let fail = |problem: String| Err(SynthError::Config(problem));
         for (name, value) in [
             ("train_variants", self.train_variants),

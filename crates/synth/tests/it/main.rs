@@ -2,6 +2,7 @@
 
 #![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test")]
 
+mod boards;
 mod field_of_view;
 mod noise;
 mod objects;

@@ -85,6 +85,12 @@ impl<'a> Experiment<'a> {
     ) -> Result<Self, EvalError> {
         let split = Split::from_name(&plan.split)
             .ok_or_else(|| EvalError::Config(format!("split {}: unknown", plan.split)))?;
+        if !config.board.is_empty() {
+            return Err(EvalError::Config(
+                "data: every clip has the same board, and this data set draws boards ([[board]])"
+                    .into(),
+            ));
+        }
         Ok(Self {
             config,
             base,
