@@ -22,6 +22,7 @@ const MIN_PATH_M: f32 = 0.7;
 ///     activity: Activity::Stays(Posture::Sitting),
 ///     probability: 0.9,
 ///     places_m: [[0.3, 2.1], [0.3, 2.1]],
+///     between_m: [2.1, 2.1],
 /// };
 /// assert_eq!(sentence(&state), "a person sits 2.1 m away");
 /// ```
@@ -29,7 +30,13 @@ pub fn sentence(state: &State) -> String {
     let [from_m, to_m] = state.distances_m();
     let [[x0, y0], [x1, y1]] = state.places_m;
     let path_m = (x1 - x0).hypot(y1 - y0);
+    let [nearest_m, farthest_m] = state.between_m;
+    // How much farther the person went than from the first place to the last one.
+    let more_m = farthest_m - nearest_m - (to_m - from_m).abs();
     let verb = match state.activity {
+        Activity::Walks if more_m >= MIN_PATH_M => {
+            return format!("a person walks to and fro, {nearest_m:.1} to {farthest_m:.1} m away");
+        }
         Activity::Walks if path_m < MIN_PATH_M => {
             return format!("a person walks about {to_m:.1} m away");
         }
@@ -60,14 +67,18 @@ mod tests {
     use super::*;
 
     fn state(activity: Activity, places_m: [[f32; 2]; 2]) -> State {
-        State {
+        let mut state = State {
             track: 0,
             start_s: 0.0,
             end_s: 5.0,
             activity,
             probability: 0.9,
             places_m,
-        }
+            between_m: [0.0; 2],
+        };
+        let [from_m, to_m] = state.distances_m();
+        state.between_m = [from_m.min(to_m), from_m.max(to_m)];
+        state
     }
 
     /// Every sentence states its action to those who judge sentences.
@@ -115,5 +126,23 @@ mod tests {
             text([[-2.0, 3.0], [2.0, 3.0]]),
             "a person walks past, from 3.6 to 3.6 m away"
         );
+    }
+
+    #[test]
+    fn who_turns_back_walks_to_and_fro() {
+        let mut state = state(Activity::Walks, [[0.0, 1.4], [0.0, 2.6]]);
+        // From 1.4 m to 3.0 m and back to 2.6 m: hardly more than from the first place to the last.
+        state.between_m = [1.4, 3.0];
+        assert!(sentence(&state).starts_with("a person walks away from the radar"));
+        state.between_m = [0.9, 3.6];
+        let text = sentence(&state);
+        assert_eq!(text, "a person walks to and fro, 0.9 to 3.6 m away");
+        let clauses = radarllm_facts::parse(&text);
+        let found: Vec<&str> = clauses
+            .iter()
+            .flat_map(|c| &c.actions)
+            .map(|a| a.name)
+            .collect();
+        assert_eq!(found, ["pace"]);
     }
 }

@@ -55,6 +55,8 @@ pub struct State {
     pub probability: f32,
     /// Places at the beginning and at the end, m: right of the radar, away from the radar.
     pub places_m: [[f32; 2]; 2],
+    /// Least and greatest distance from the radar of the places of a second each, m.
+    pub between_m: [f32; 2],
 }
 
 impl State {
@@ -137,40 +139,52 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
                 activity,
                 probability,
                 places_m: second.places_m,
+                between_m: [0.0; 2],
             }),
         }
     }
     let mut states = joined(states);
-    if person.tracker == Tracker::Points {
-        for state in &mut states {
-            let is_doubtful =
-                state.activity == Activity::Walks && state.probability < 0.99 * SURE_BY_POINTS;
-            if is_doubtful && extent_m(person, state) < MIN_EXTENT_BY_POINTS_M {
-                state.activity = Activity::StaysSomehow;
-            }
+    for state in &mut states {
+        let places_m = places_of_seconds(person, state);
+        let is_doubtful = person.tracker == Tracker::Points
+            && state.activity == Activity::Walks
+            && state.probability < 0.99 * SURE_BY_POINTS;
+        if is_doubtful && extent_m(&places_m) < MIN_EXTENT_BY_POINTS_M {
+            state.activity = Activity::StaysSomehow;
         }
+        let distances_m = || places_m.iter().map(|[x_m, y_m]| x_m.hypot(*y_m));
+        let [from_m, to_m] = state.distances_m();
+        state.between_m = [
+            distances_m().fold(from_m.min(to_m), f32::min),
+            distances_m().fold(from_m.max(to_m), f32::max),
+        ];
     }
     states
 }
 
-/// Largest distance between the places of a person in a state, m, each the mean of a second.
-fn extent_m(person: &TrackedPerson, state: &State) -> f32 {
-    let mut places: Vec<[f32; 2]> = Vec::new();
+/// The places of a person in a state, m, each the mean of a second.
+fn places_of_seconds(person: &TrackedPerson, state: &State) -> Vec<[f32; 2]> {
+    let mut places_m: Vec<[f32; 2]> = Vec::new();
     let mut t_s = state.start_s;
     while t_s < state.end_s {
         let samples = person.between(t_s, (t_s + 1.0).min(state.end_s));
         let n = samples.len() as f32;
         if n > 0.0 {
             let mean = |axis: usize| samples.iter().map(|s| s.place_m[axis]).sum::<f32>() / n;
-            places.push([mean(0), mean(1)]);
+            places_m.push([mean(0), mean(1)]);
         }
         t_s += 0.5;
     }
+    places_m
+}
+
+/// Largest distance between places, m.
+fn extent_m(places_m: &[[f32; 2]]) -> f32 {
     let range = |axis: usize| {
-        let values = || places.iter().map(|p| p[axis]);
+        let values = || places_m.iter().map(|p| p[axis]);
         values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
     };
-    match places.is_empty() {
+    match places_m.is_empty() {
         true => 0.0,
         false => range(0).hypot(range(1)),
     }

@@ -238,6 +238,7 @@ mod tests {
             activity,
             probability: 0.9,
             places_m: [[0.0, 2.0]; 2],
+            between_m: [2.0; 2],
         }
     }
 
