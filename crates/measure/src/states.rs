@@ -4,7 +4,7 @@ use radarllm_base::{PointFrame, stats::quantile_nearest};
 
 use crate::{
     Site,
-    falls::{Fall, falls_of, falls_of_points, is_within, stays_up, walks_on},
+    falls::{Fall, confirmed, falls_of, falls_of_points, is_within, walks_on},
     people::{MIN_TRACKED_S, Sample, TrackedPerson, Tracker, tracked_people},
     posture::{Posture, PostureProbabilities},
 };
@@ -16,6 +16,10 @@ const WALKING_BY_POINTS_M: f32 = 0.8;
 /// Extent of the places of somebody who is tracked by points and walks, m, unless every second shows walking: a body that
 /// tilts or reaches out moves its points fast at times, but not far.
 const MIN_EXTENT_BY_POINTS_M: f32 = 1.0;
+/// A walk that is not longer, s, and in which the places of the board's track extend over less, m, is a shift of somebody
+/// who stays: who sits down or turns on a chair moves the track by up to half a metre.
+const MAX_SHIFT_S: f64 = 4.0;
+const MIN_EXTENT_M: f32 = 0.6;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
@@ -91,7 +95,9 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
             false => falls_of(person, site),
         };
         let falls = falls.into_iter();
-        falls.filter(|fall| !stays_up(frames, fall, site)).collect()
+        falls
+            .filter_map(|fall| confirmed(frames, fall, site))
+            .collect()
     };
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
@@ -144,22 +150,51 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
         }
     }
     let mut states = joined(states);
-    for state in &mut states {
-        let places_m = places_of_seconds(person, state);
-        let is_doubtful = person.tracker == Tracker::Points
-            && state.activity == Activity::Walks
-            && state.probability < 0.99 * SURE_BY_POINTS;
-        if is_doubtful && extent_m(&places_m) < MIN_EXTENT_BY_POINTS_M {
-            state.activity = Activity::StaysSomehow;
+    for at in 0..states.len() {
+        let state = states[at];
+        if state.activity != Activity::Walks {
+            continue;
         }
-        let distances_m = || places_m.iter().map(|[x_m, y_m]| x_m.hypot(*y_m));
+        let extent_m = extent_m(&places_of_seconds(person, &state));
+        match person.tracker {
+            Tracker::Points => {
+                let is_doubtful = state.probability < 0.99 * SURE_BY_POINTS;
+                if is_doubtful && extent_m < MIN_EXTENT_BY_POINTS_M {
+                    states[at].activity = Activity::StaysSomehow;
+                }
+            }
+            Tracker::Board => {
+                let is_short = state.end_s - state.start_s <= MAX_SHIFT_S;
+                if let (true, Some(rest)) = (
+                    is_short && extent_m < MIN_EXTENT_M,
+                    stays_beside(&states, at),
+                ) {
+                    states[at].activity = rest.activity;
+                    states[at].probability = rest.probability;
+                }
+            }
+        }
+    }
+    let mut states = joined(states);
+    for state in &mut states {
         let [from_m, to_m] = state.distances_m();
-        state.between_m = [
-            distances_m().fold(from_m.min(to_m), f32::min),
-            distances_m().fold(from_m.max(to_m), f32::max),
-        ];
+        let distances_m = places_of_seconds(person, state)
+            .into_iter()
+            .map(|[x_m, y_m]| x_m.hypot(y_m));
+        state.between_m = distances_m.fold([from_m.min(to_m), from_m.max(to_m)], |between, m| {
+            [between[0].min(m), between[1].max(m)]
+        });
     }
     states
+}
+
+/// The state before or after a state, if the person stays there in a known posture; the longer of two.
+fn stays_beside(states: &[State], at: usize) -> Option<State> {
+    let before = at.checked_sub(1).and_then(|before| states.get(before));
+    let beside = before.into_iter().chain(states.get(at + 1)).copied();
+    beside
+        .filter(|s| matches!(s.activity, Activity::Stays(_)))
+        .max_by(|a, b| (a.end_s - a.start_s).total_cmp(&(b.end_s - b.start_s)))
 }
 
 /// The places of a person in a state, m, each the mean of a second.
@@ -276,6 +311,8 @@ fn joined(states: Vec<State>) -> Vec<State> {
             |s: &State| s.end_s - s.start_s < MIN_STATE_S && s.activity != Activity::Falls;
         match out.last_mut() {
             Some(last) if last.activity == state.activity => {
+                let share = (state.end_s - state.start_s) / (state.end_s - last.start_s).max(1e-6);
+                last.probability += share as f32 * (state.probability - last.probability);
                 last.end_s = state.end_s;
                 last.places_m[1] = state.places_m[1];
             }
@@ -395,6 +432,23 @@ mod tests {
             assert_eq!(walks(Tracker::Board, speed_mps), board, "{speed_mps}");
             assert_eq!(walks(Tracker::Points, speed_mps), points, "{speed_mps}");
         }
+    }
+
+    /// Who sits and shifts on the chair sits all the time; who gets up and walks does not.
+    #[test]
+    fn a_shift_on_a_chair_is_no_walk() {
+        let found = |shift_m: f32| {
+            let at = |t: f64| {
+                let share = ((t as f32 - 20.0) / 2.0).clamp(0.0, 1.0);
+                Some([3.0 + shift_m * share, -0.4, 0.0])
+            };
+            activities(at, 40.0)
+        };
+        let sits = Activity::Stays(Posture::Sitting);
+        assert_eq!(found(0.4), [(sits, 0, 40)]);
+        let walked = found(1.5);
+        assert_eq!(walked.len(), 3, "{walked:?}");
+        assert_eq!(walked[1].0, Activity::Walks);
     }
 
     /// A track that sinks by itself is no fall: the points of the person stay up.
