@@ -21,6 +21,9 @@ const LANDING_S: f64 = 1.0;
 /// not fall.
 const UP_M: f32 = 0.8;
 const BEFORE_S: f64 = 1.5;
+/// Nearer than this, m, the board sees a part of a body only, and nobody is told to fall: who reaches for the board, or
+/// walks past below it, is tracked downward.
+const MIN_DISTANCE_M: f32 = 0.7;
 /// Two falls of one person are at least this far apart, s.
 const APART_S: f64 = 3.0;
 
@@ -71,7 +74,8 @@ pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
             continue;
         };
         let below_m = site.standing_m - height_m;
-        if below_m < FALLEN_M || has_risen(person, at.t_s, site) {
+        let distance_m = at.place_m[0].hypot(at.place_m[1]);
+        if below_m < FALLEN_M || distance_m < MIN_DISTANCE_M || has_risen(person, at.t_s, site) {
             continue;
         }
         push(
@@ -241,6 +245,9 @@ mod tests {
             _ => Some([2.5, 0.1, 0.0]),
         };
         assert_eq!(found(glitch), []);
+        // Somebody who reaches for the board.
+        let near = down(0.1, -1.2, 0.8);
+        assert_eq!(found(|t| near(t).map(|[_, z_m, up]| [0.4, z_m, up])), []);
     }
 
     #[test]

@@ -34,10 +34,12 @@ pub struct PostureProbabilities {
 }
 
 impl PostureProbabilities {
-    /// The probabilities of a height below a standing person, m.
-    pub fn of(below_standing_m: f32) -> Self {
-        let beyond =
-            |limit_m: f32, error_m: f32| normal_cdf((below_standing_m - limit_m) / error_m);
+    /// The probabilities of a height below a standing person, m. `site_error_m` is the standard deviation that the height
+    /// has because the site is not known.
+    pub fn of(below_standing_m: f32, site_error_m: f32) -> Self {
+        let beyond = |limit_m: f32, error_m: f32| {
+            normal_cdf((below_standing_m - limit_m) / error_m.hypot(site_error_m))
+        };
         let lower = beyond(SITTING_M, SITTING_ERROR_M);
         let lying = beyond(LYING_M, LYING_ERROR_M).min(lower);
         Self {
@@ -80,7 +82,7 @@ mod tests {
             (0.9, Posture::Sitting),
             (1.6, Posture::Lying),
         ] {
-            let found = PostureProbabilities::of(below_m);
+            let found = PostureProbabilities::of(below_m, 0.0);
             assert_eq!(found.best().0, posture, "{below_m}");
             let sum = found.standing + found.sitting + found.lying;
             assert!(
@@ -88,7 +90,7 @@ mod tests {
                 "{found:?}"
             );
         }
-        let (_, at_the_limit) = PostureProbabilities::of(SITTING_M).best();
+        let (_, at_the_limit) = PostureProbabilities::of(SITTING_M, 0.0).best();
         assert!((at_the_limit - 0.5).abs() < 0.01);
     }
 

@@ -86,6 +86,22 @@ impl Site {
         [y_m * cos - z_m * sin, z_m * cos + y_m * sin]
     }
 
+    /// Whether the site was learned.
+    pub fn is_learned(&self) -> bool {
+        self.walking_s > 0.0
+    }
+
+    /// Standard deviation that heights at a distance from the radar have because height and tilt of the radar are only
+    /// stated, m; 0 where they were learned. The tilt of the one board whose chirp file states it was 12 degrees off.
+    pub fn height_error_m(&self, distance_m: f32) -> f32 {
+        const STATED_HEIGHT_ERROR_M: f32 = 0.1;
+        const STATED_TILT_ERROR_RAD: f32 = 6.0 * (std::f32::consts::PI / 180.0);
+        match self.is_learned() {
+            true => 0.0,
+            false => STATED_HEIGHT_ERROR_M.hypot(STATED_TILT_ERROR_RAD * distance_m),
+        }
+    }
+
     /// Height of the radar above the floor, m, if a standing person is tracked at [`STANDING_M`].
     pub fn radar_height_m(&self) -> f32 {
         STANDING_M - self.standing_m

@@ -22,6 +22,8 @@ const MAX_SHIFT_S: f64 = 4.0;
 const MIN_EXTENT_M: f32 = 0.6;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
+/// Probability of a posture from which on it is stated where the site was not learned: a wrong posture says less than none.
+const SURE_OF_POSTURE: f32 = 0.65;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
 /// a moment.
 const WALKING: f32 = 0.5;
@@ -175,6 +177,20 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
             }
         }
     }
+    if !site.is_learned() {
+        let mut has_fallen = false;
+        for state in &mut states {
+            // Who has just fallen lies where the height says so, even if it is not certain.
+            if let Activity::Stays(_) = state.activity
+                && state.probability < SURE_OF_POSTURE
+                && !has_fallen
+            {
+                state.activity = Activity::StaysSomehow;
+                state.probability = 1.0;
+            }
+            has_fallen = state.activity == Activity::Falls;
+        }
+    }
     let mut states = joined(states);
     for state in &mut states {
         let [from_m, to_m] = state.distances_m();
@@ -249,7 +265,11 @@ fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second
         let height = quantile_nearest(samples.iter().filter_map(|s| s.height_m), 0.5);
         seconds.push(Second {
             is_walking: path_m >= walking_m,
-            posture: height.map(|height_m| PostureProbabilities::of(site.standing_m - height_m)),
+            posture: height.map(|height_m| {
+                let [x_m, y_m] = first.place_m;
+                let error_m = site.height_error_m(x_m.hypot(y_m));
+                PostureProbabilities::of(site.standing_m - height_m, error_m)
+            }),
             is_falling: falls
                 .iter()
                 .any(|fall| samples.iter().any(|s: &Sample| is_within(fall, s))),
@@ -364,7 +384,7 @@ mod tests {
     #[test]
     fn somebody_falls_and_lies() {
         let at = |t: f64| match t {
-            t if t < 8.0 => Some([2.0, 0.1, 0.0]),
+            t if t < 8.0 => Some([2.0, 0.15, 0.0]),
             t if t < 9.0 => Some([2.0, 0.1 - 1.4 * (t - 8.0) as f32, -1.4]),
             _ => Some([2.0, -1.3, 0.0]),
         };
@@ -449,6 +469,26 @@ mod tests {
         let walked = found(1.5);
         assert_eq!(walked.len(), 3, "{walked:?}");
         assert_eq!(walked[1].0, Activity::Walks);
+    }
+
+    /// Where height and tilt of the radar are only stated, a posture is stated where it is clear.
+    #[test]
+    fn a_site_that_is_not_known_gives_clear_postures_only() {
+        let found = |below_m: f32, site: Site| {
+            let at = |_: f64| Some([4.0, site.standing_m - below_m, 0.0]);
+            let states = measure(&frames(20.0, at), &site).unwrap();
+            states[0].activity
+        };
+        let unlearned = || Site::unlearned("board", 1.5);
+        let learned = || Site {
+            walking_s: 60.0,
+            ..unlearned()
+        };
+        assert_eq!(found(0.7, unlearned()), Activity::Stays(Posture::Sitting));
+        assert_eq!(found(0.25, unlearned()), Activity::StaysSomehow);
+        assert_eq!(found(0.25, learned()), Activity::Stays(Posture::Sitting));
+        assert_eq!(found(1.35, unlearned()), Activity::StaysSomehow);
+        assert_eq!(found(1.35, learned()), Activity::Stays(Posture::Lying));
     }
 
     /// A track that sinks by itself is no fall: the points of the person stay up.

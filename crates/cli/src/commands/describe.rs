@@ -263,8 +263,8 @@ fn doubt_about_site(input: &str, site: Option<Result<Site, SiteError>>) {
         }
         error => {
             note!(
-                "warning: {input}: {error} to learn the site: postures are told by the stated height and tilt of the radar \
-                 (`radarllm site` learns them from other recordings)"
+                "warning: {input}: {error} to learn the site: postures are told by the stated height and tilt of the radar, \
+                 where these leave no doubt (`radarllm site` learns them from other recordings)"
             );
         }
     }
