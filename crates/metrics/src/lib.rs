@@ -31,7 +31,7 @@
 //! the value as a [`Protocol`]. A metric that was not computed is null with a reason, never approximated.
 //!
 //! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
-//! [`meteor`], [`self_bleu`], [`variety`], [`bootstrap`], [`embedding`], [`dtw`] (series, for retrieval). Baselines, action accuracy and metrics that do not concern
+//! [`meteor`], [`self_bleu`], [`variety`], [`bootstrap`], [`embedding`], [`dtw`] (series, for retrieval), [`dense`] (sentences with times). Baselines, action accuracy and metrics that do not concern
 //! captions are in `radarllm-eval`.
 #![cfg_attr(
     test,
@@ -53,6 +53,7 @@ pub mod self_bleu;
 pub mod variety;
 
 pub mod bootstrap;
+pub mod dense;
 pub mod dtw;
 
 mod grams;

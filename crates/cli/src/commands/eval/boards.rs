@@ -115,7 +115,7 @@ fn evaluate(
     }
     let captioner = captioner.with_site(site);
     let name = captioner.name();
-    let (mut rows, mut presence) = (Vec::new(), Vec::new());
+    let (mut rows, mut presence, mut timelines) = (Vec::new(), Vec::new(), Vec::new());
     for part in &board.activities {
         let beside = args.config.parent().unwrap_or(Path::new("."));
         let config = read_config(&beside.join(&part.config))?;
@@ -138,6 +138,7 @@ fn evaluate(
         let recording = open(&args.data.join(&part.recording), &part.reading)?;
         let described = captioner.describe(&recording.clip)?;
         rows.extend(part.rows(&labels, &described.segments));
+        timelines.extend(part.timeline(&labels, &described.segments));
     }
     for part in &board.presence {
         let mut recording = open(&args.data.join(&part.recording), &part.reading)?;
@@ -155,7 +156,10 @@ fn evaluate(
         let described = captioner.describe(&recording.clip)?;
         presence.push(part.row(&described.segments, start_s, end_s));
     }
-    Ok((BoardReport::new(board, rows, presence), captioner))
+    Ok((
+        BoardReport::new(board, rows, presence, timelines),
+        captioner,
+    ))
 }
 
 fn reading(reading: &Reading) -> CliResult<CaptureOptions> {

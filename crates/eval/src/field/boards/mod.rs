@@ -9,10 +9,15 @@ mod report;
 use std::path::PathBuf;
 
 use radarllm_inference::Segment;
+use radarllm_metrics::{
+    dense::{Dense, Timed, soda},
+    meteor::{Meteor, Resources},
+};
 use serde::{Deserialize, Serialize};
 
 use super::recordings::{
     Activity, Calibration, Judged, RecordingRow, RecordingsConfig, Role, SegmentRow,
+    strict::StatedTime,
 };
 use crate::EvalError;
 
@@ -147,6 +152,24 @@ pub struct PresenceRow {
     pub falls: usize,
 }
 
+/// How well the timeline of a recording agrees with its labelled times.
+#[derive(Clone, Debug, Serialize)]
+pub struct TimelineRow {
+    /// The recording.
+    pub recording: String,
+    /// Number of labelled times.
+    pub labels: usize,
+    /// Number of sentences within them.
+    pub sentences: usize,
+    /// Agreement of the times, whatever is said.
+    pub times: Dense,
+    /// The same of sentences that state the labelled activity; those that state another one count nothing.
+    pub actions: Dense,
+    /// SODA_c: the same with the METEOR of each sentence against the one that the configuration gives its activity; `None`
+    /// unless it gives one to all.
+    pub soda: Option<Dense>,
+}
+
 /// A board and what was said of its recordings.
 #[derive(Clone, Debug, Serialize)]
 pub struct BoardReport {
@@ -158,6 +181,8 @@ pub struct BoardReport {
     pub rows: Vec<RecordingRow>,
     /// Recordings of known presence.
     pub presence: Vec<PresenceRow>,
+    /// Timelines of recordings with labelled times.
+    pub timelines: Vec<TimelineRow>,
     /// Confidence of the sentences against whether they are right.
     pub calibration: Option<Calibration>,
 }
@@ -246,6 +271,53 @@ impl LabelledPart {
         Ok(labels)
     }
 
+    /// How well the sentences of the whole recording agree with its labelled times. What is said outside of them is left
+    /// out, and what reaches beyond the ends of one is cut. `None` without labels.
+    pub fn timeline(&self, labels: &[Label], segments: &[Segment]) -> Option<TimelineRow> {
+        let inside: Vec<Segment> = labels
+            .iter()
+            .flat_map(|label| within(segments, label.start_s, label.end_s))
+            .collect();
+        let said: Vec<Timed> = (inside.iter())
+            .map(|s| Timed {
+                span_s: [s.start_s, s.end_s],
+                sentence: &s.caption,
+            })
+            .collect();
+        let references: Vec<Timed> = (labels.iter())
+            .map(|label| Timed {
+                span_s: [label.start_s, label.end_s],
+                sentence: &label.activity,
+            })
+            .collect();
+        let activity = |name: &str| self.activity.iter().find(|a| a.name == name);
+        let states = |sentence: &str, name: &str| {
+            let mut stated = StatedTime::default();
+            stated.add(sentence, 1.0);
+            activity(name).is_some_and(|activity| stated.of(activity) > 0.5)
+        };
+        let is_said = self.activity.iter().all(|a| a.says.is_some());
+        let resources = Resources::default();
+        let mut meteor = Meteor::new(&resources);
+        let meteor_of = |sentence: &str, name: &str| {
+            let says = activity(name).and_then(|a| a.says.as_deref());
+            meteor.stats(sentence, says.as_slice()).score()
+        };
+        Some(TimelineRow {
+            recording: self.recording.display().to_string(),
+            labels: labels.len(),
+            sentences: said.len(),
+            times: soda(&said, &references, |_, _| 1.0)?,
+            actions: soda(&said, &references, |sentence, name| {
+                f64::from(u8::from(states(sentence, name)))
+            })?,
+            soda: match is_said {
+                true => soda(&said, &references, meteor_of),
+                false => None,
+            },
+        })
+    }
+
     /// The rows of the labelled times of a recording, by the sentences of the whole.
     pub fn rows(&self, labels: &[Label], segments: &[Segment]) -> Vec<RecordingRow> {
         let config = RecordingsConfig::of_activities(self.activity.clone());
@@ -300,7 +372,12 @@ impl PresencePart {
 
 impl BoardReport {
     /// A report of the rows of a board.
-    pub fn new(board: &BoardConfig, rows: Vec<RecordingRow>, presence: Vec<PresenceRow>) -> Self {
+    pub fn new(
+        board: &BoardConfig,
+        rows: Vec<RecordingRow>,
+        presence: Vec<PresenceRow>,
+        timelines: Vec<TimelineRow>,
+    ) -> Self {
         // Sentences that state no action claim nothing; what goes before and after an event is not known.
         let claims = |row: &RecordingRow, segment: &SegmentRow| match row.judged {
             // A guess beside a sentence is not claimed.
@@ -318,6 +395,7 @@ impl BoardReport {
             calibration: Calibration::of(&pairs),
             rows,
             presence,
+            timelines,
         }
     }
 
@@ -398,12 +476,29 @@ mod tests {
         let rows = part.rows(&labels, &said);
         let right: Vec<bool> = rows.iter().map(|r| r.right).collect();
         assert_eq!(right, [true, true, false]);
+        // The first sentence is cut to 1 to 9 s, the second to 12 to 19 s of 11 to 19 s.
+        let timeline = part.timeline(&labels, &said).unwrap();
+        assert_eq!((timeline.labels, timeline.sentences), (3, 3));
+        let sum = 1.0 + 7.0 / 8.0;
+        assert!(
+            (timeline.actions.precision - sum / 3.0).abs() < 1e-9,
+            "{timeline:?}"
+        );
+        assert!((timeline.actions.recall - sum / 3.0).abs() < 1e-9);
+        assert!(timeline.soda.is_none() && part.timeline(&[], &said).is_none());
+        let mut says = part.clone();
+        for activity in &mut says.activity {
+            activity.says = Some("a person stands still 2.0 m away".into());
+        }
+        // The same sentence has a METEOR of 1.
+        let soda = says.timeline(&labels[..1], &said).unwrap().soda.unwrap();
+        assert!((soda.f1 - 1.0).abs() < 0.01, "{soda:?}");
         let night = board.presence[0].row(&said, 20.0, 60.0);
         assert_eq!((night.seconds, night.stated_s, night.falls), (40.0, 5.0, 0));
         let report = BoardsReport {
             model: "model".into(),
             role: Role::Tuning,
-            boards: vec![BoardReport::new(board, rows, vec![night])],
+            boards: vec![BoardReport::new(board, rows, vec![night], vec![timeline])],
         };
         // One of one standing, one of two sitting.
         assert_eq!(report.unknown_boards(), Some(0.75));

@@ -58,7 +58,33 @@ pub fn markdown(report: &BoardsReport) -> String {
         "Recordings of each activity, and what was stated of those that were not described right.",
         &["board", "activity", "right", "of", "otherwise"],
     );
+    let mut timelines = Table::new(
+        "Timelines",
+        "Sentences with their times against labelled times, aligned in order of time: F1 of the temporal intersection over \
+         union of all sentences, of those that state the labelled activity, and weighted with their METEOR (SODA_c), x100. \
+         What is said outside of labelled times is left out.",
+        &[
+            "board",
+            "recording",
+            "labelled times",
+            "sentences",
+            "times",
+            "right activity",
+            "SODA_c",
+        ],
+    );
     for board in &report.boards {
+        for row in &board.timelines {
+            timelines.rows.push(vec![
+                board.board.clone(),
+                row.recording.clone(),
+                row.labels.to_string(),
+                row.sentences.to_string(),
+                percent(Some(row.times.f1)),
+                percent(Some(row.actions.f1)),
+                percent(row.soda.map(|soda| soda.f1)),
+            ]);
+        }
         for row in &board.presence {
             presence.rows.push(vec![
                 board.board.clone(),
@@ -84,7 +110,7 @@ pub fn markdown(report: &BoardsReport) -> String {
             100.0 * mean
         );
     }
-    for table in [boards, presence, activities] {
+    for table in [boards, presence, timelines, activities] {
         if !table.rows.is_empty() {
             text += &format!(
                 "## {}\n\n{}\n\n{}\n",
