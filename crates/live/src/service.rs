@@ -119,7 +119,7 @@ impl Live {
         let pipeline = Pipeline::new(
             stream,
             &options.pipeline,
-            Box::new(Captions(captioner)),
+            Box::new(Captions::new(captioner)),
             Arc::clone(&metrics.monitor),
         )
         .map_err(Error::wrap)?;

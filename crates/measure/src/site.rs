@@ -108,7 +108,10 @@ impl Site {
     }
 }
 
-/// Learns a site from a recording that is read in parts.
+/// Most stretches that are kept, 1.9 hours of walking: of more, the older half is forgotten.
+const MAX_STRETCHES: usize = 20_000;
+
+/// Learns a site from a recording that is read in parts, or from a radar that runs.
 #[derive(Clone, Debug, Default)]
 pub struct SiteLearner {
     has_heights: bool,
@@ -122,6 +125,10 @@ impl SiteLearner {
         let has_height = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
         self.has_heights |= people.iter().any(has_height);
         self.stretches.extend(people.iter().flat_map(walking));
+        if self.stretches.len() > MAX_STRETCHES {
+            self.stretches
+                .drain(..self.stretches.len() - MAX_STRETCHES / 2);
+        }
     }
 
     /// What all parts show; see [`Site::learn`].

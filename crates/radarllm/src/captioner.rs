@@ -73,6 +73,16 @@ impl Captioner {
         Self { site, ..self }
     }
 
+    /// What is known of the site.
+    pub fn site(&self) -> Option<&Site> {
+        self.site.as_ref()
+    }
+
+    /// As [`Self::with_site`], for a captioner that is in use.
+    pub fn set_site(&mut self, site: Option<Site>) {
+        self.site = site;
+    }
+
     /// The captioner that states the sentences of the model on every board, also on those of which it learned nothing and
     /// where it is nearly always wrong. For comparisons.
     #[must_use]

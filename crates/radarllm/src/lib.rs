@@ -94,7 +94,7 @@ pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
     OpenedRadar, PointOptions, Result, SampleRecording, TiFirmware, open_radar,
 };
-pub use radarllm_measure::{Site, SiteError};
+pub use radarllm_measure::{Site, SiteError, SiteLearner};
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
 #[cfg(feature = "parquet")]
 pub use radarllm_synth::DatasetPlan;
