@@ -16,7 +16,7 @@ use radarllm_memory::store::Retention;
 use radarllm_monitor::liveness::Liveness;
 use radarllm_monitor::messages::{self, About};
 use radarllm_monitor::pipeline::{Pipeline, PipelineOptions};
-use radarllm_monitor::queue::{FrameQueue, Item};
+use radarllm_monitor::queue::{FrameQueue, Item, WhenFull};
 use radarllm_monitor::rows::Origin;
 
 use crate::bus::{Bus, Reader};
@@ -163,7 +163,11 @@ impl Live {
             }
             None => None,
         };
-        let messages = bus.subscribe();
+        // A replay waits for the caller, as its source waits for the pipeline.
+        let messages = match input.when_full() {
+            WhenFull::Wait => bus.subscribe_awaited(),
+            WhenFull::DropOldest => bus.subscribe(),
+        };
         let queue = Arc::new(FrameQueue::new(
             input.when_full(),
             Arc::clone(&metrics.monitor),
@@ -273,6 +277,7 @@ impl Live {
     /// Ends all threads. Returns the panic of one.
     fn end(&mut self) -> Option<Box<dyn Any + Send>> {
         self.queue.close();
+        self.bus.stop_waiting();
         let threads = [self.source.take(), self.pipeline.take()];
         let [source, pipeline] = threads.map(|thread| thread?.join().err());
         if let Some(publisher) = self.publisher.take() {

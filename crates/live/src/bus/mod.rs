@@ -1,8 +1,9 @@
-//! One publisher side, many listeners, and nobody waits for anybody.
+//! One publisher side, many listeners, and nobody waits for anybody, but a replay for the program that started it.
 //!
 //! A [`Bus`] numbers messages, keeps the state that late comers need, and gives each [`Reader`] a queue of
 //! [`QUEUE_MESSAGES`]. A reader that is too slow loses `frame`s and gets their number in a `lag`; if its queue is full of what must
-//! not be lost, it is closed, and may come back for a new `hello`. There is no runtime: readers block or are polled.
+//! not be lost, it is closed, and may come back for a new `hello`. The publisher waits for a reader of
+//! [`Bus::subscribe_awaited`] instead. There is no runtime: readers block or are polled.
 
 mod queue;
 mod state;
@@ -51,6 +52,8 @@ struct Inner {
     stamp: Stamp,
     state: State,
     queues: Vec<Arc<Queue>>,
+    /// Those of readers for whom the publisher waits.
+    awaited: Vec<Arc<Queue>>,
     is_closed: bool,
 }
 
@@ -107,6 +110,7 @@ impl Bus {
             stamp: Stamp::default(),
             state: State::new(about),
             queues: Vec::new(),
+            awaited: Vec::new(),
             is_closed: false,
         };
         Self {
@@ -117,26 +121,53 @@ impl Bus {
         }
     }
 
-    /// Publishes a message to all readers. It never waits for a reader.
+    /// Publishes a message to all readers. It waits for nobody but readers of [`Self::subscribe_awaited`].
     pub fn publish(&self, stamp: Stamp, body: Body) {
         let counts = &self.shared.counts;
-        let inner = &mut *self.shared.lock();
-        inner.seq += 1;
-        inner.stamp = stamp;
-        inner.state.update(stamp, &body);
-        counts.published[body.index()].fetch_add(1, Ordering::Relaxed);
-        let published = Arc::new(Published::new(inner.seq, stamp, body));
-        inner.send(&published, counts);
+        let awaited = {
+            let inner = &mut *self.shared.lock();
+            inner.seq += 1;
+            inner.stamp = stamp;
+            inner.state.update(stamp, &body);
+            counts.published[body.index()].fetch_add(1, Ordering::Relaxed);
+            let published = Arc::new(Published::new(inner.seq, stamp, body));
+            inner.send(&published, counts);
+            inner.awaited.clone()
+        };
+        // Others publish and subscribe meanwhile.
+        for queue in awaited {
+            queue.wait_for_room();
+        }
     }
 
     /// A new reader. It gets `hello` first and then every message.
     pub fn subscribe(&self) -> Reader {
-        let queue = Arc::new(Queue::default());
+        self.reader(Queue::default(), false)
+    }
+
+    /// As [`Self::subscribe`], for a reader that must not be too slow: [`Self::publish`] waits for it. For replays, of which
+    /// nothing may be lost; who waits for a radar does not notice a fall.
+    pub fn subscribe_awaited(&self) -> Reader {
+        self.reader(Queue::awaited(), true)
+    }
+
+    /// From now on, no reader is waited for.
+    pub fn stop_waiting(&self) {
+        for queue in self.shared.lock().awaited.drain(..) {
+            queue.leave_behind();
+        }
+    }
+
+    fn reader(&self, queue: Queue, is_awaited: bool) -> Reader {
+        let queue = Arc::new(queue);
         let snapshot = {
             let inner = &mut *self.shared.lock();
             match inner.is_closed {
                 true => None,
                 false => {
+                    if is_awaited {
+                        inner.awaited.push(Arc::clone(&queue));
+                    }
                     inner.queues.push(Arc::clone(&queue));
                     Some(inner.snapshot())
                 }
@@ -184,6 +215,7 @@ impl Bus {
     pub fn close(&self) {
         let inner = &mut *self.shared.lock();
         inner.is_closed = true;
+        inner.awaited.clear();
         for queue in inner.queues.drain(..) {
             queue.close();
         }
@@ -276,8 +308,12 @@ impl Stream for Reader {
 
 impl Drop for Reader {
     fn drop(&mut self) {
-        let queues = &mut self.shared.lock().queues;
-        queues.retain(|queue| !Arc::ptr_eq(queue, &self.queue));
+        // Who waits for this reader goes on.
+        self.queue.close();
+        let inner = &mut *self.shared.lock();
+        for queues in [&mut inner.queues, &mut inner.awaited] {
+            queues.retain(|queue| !Arc::ptr_eq(queue, &self.queue));
+        }
     }
 }
 

@@ -14,6 +14,7 @@ use super::{Published, QUEUE_MESSAGES, Silence};
 pub(super) struct Queue {
     waiting: Mutex<Waiting>,
     arrived: Condvar,
+    taken: Condvar,
 }
 
 #[derive(Debug, Default)]
@@ -22,6 +23,8 @@ struct Waiting {
     /// Frames that were lost since the last `lag`.
     n_dropped: u64,
     is_closed: bool,
+    /// Whether the publisher waits for this reader instead of closing its queue.
+    is_awaited: bool,
     waker: Option<Waker>,
 }
 
@@ -35,7 +38,29 @@ pub(super) struct Pushed {
 }
 
 impl Queue {
-    /// Adds a message. In a full queue the oldest frame makes room.
+    /// The queue of a reader for whom the publisher waits.
+    pub(super) fn awaited() -> Self {
+        let queue = Self::default();
+        queue.lock().is_awaited = true;
+        queue
+    }
+
+    /// Waits until there is room, if the publisher waits for this reader.
+    pub(super) fn wait_for_room(&self) {
+        let is_full =
+            |w: &mut Waiting| w.is_awaited && !w.is_closed && w.messages.len() >= QUEUE_MESSAGES;
+        let waited = self.taken.wait_while(self.lock(), is_full);
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// From now on the publisher does not wait for this reader.
+    pub(super) fn leave_behind(&self) {
+        self.lock().is_awaited = false;
+        self.taken.notify_all();
+    }
+
+    /// Adds a message. In a full queue the oldest frame makes room; a queue for whose reader the publisher waits grows
+    /// beyond the limit by what must not be lost.
     pub(super) fn push(&self, message: &Arc<Published>) -> Pushed {
         let mut waiting = self.lock();
         let mut pushed = Pushed {
@@ -56,6 +81,7 @@ impl Queue {
                     pushed.n_dropped = 1;
                     return pushed;
                 }
+                None if waiting.is_awaited => {}
                 None => {
                     waiting.messages.clear();
                     waiting.is_closed = true;
@@ -80,11 +106,13 @@ impl Queue {
     pub(super) fn close(&self) {
         let mut waiting = self.lock();
         waiting.is_closed = true;
+        self.taken.notify_all();
         self.wake(waiting);
     }
 
     pub(super) fn poll_pop(&self, context: &mut Context<'_>) -> Poll<Option<Arc<Published>>> {
         let mut waiting = self.lock();
+        self.taken.notify_all();
         match waiting.pop() {
             Ok(message) => Poll::Ready(Some(message)),
             Err(Silence::Closed) => Poll::Ready(None),
@@ -101,6 +129,7 @@ impl Queue {
             .arrived
             .wait_timeout_while(self.lock(), timeout, is_empty);
         let (mut waiting, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        self.taken.notify_all();
         waiting.pop()
     }
 

@@ -125,6 +125,53 @@ fn a_reader_that_loses_what_must_not_be_lost_is_closed() {
 }
 
 #[test]
+fn a_publisher_waits_for_the_reader_of_a_replay() {
+    const N: u64 = 1_000;
+    let bus = Bus::new(about());
+    let reader = bus.subscribe_awaited();
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for n in 0..N {
+                bus.publish(stamp(n as i64), now(Some(1)));
+            }
+            bus.close();
+        });
+        let mut n = 0;
+        while let Ok(message) = reader.recv_timeout(Duration::from_secs(20)) {
+            assert_eq!(message.seq, n);
+            n += 1;
+            if n % 100 == 0 {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }
+        // With `hello`.
+        assert_eq!(n, N + 1);
+    });
+    assert_eq!(bus.counts().readers_closed, 0);
+}
+
+#[test]
+fn nobody_waits_for_a_reader_that_has_gone_or_is_left_behind() {
+    for is_dropped in [true, false] {
+        let bus = Bus::new(about());
+        let reader = bus.subscribe_awaited();
+        std::thread::scope(|scope| {
+            let publisher = scope.spawn(|| {
+                for n in 0..200 {
+                    bus.publish(stamp(n), now(Some(1)));
+                }
+            });
+            next(&reader);
+            match is_dropped {
+                true => drop(reader),
+                false => bus.stop_waiting(),
+            }
+            publisher.join().unwrap();
+        });
+    }
+}
+
+#[test]
 fn late_comers_learn_the_state() {
     let bus = Bus::new(about());
     bus.publish(stamp(0), row(1, NOW_MS - 4_000_000));

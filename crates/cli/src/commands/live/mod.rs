@@ -73,7 +73,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     for note in input.notes() {
         note!("{}: {note}", args.inputs[0].display());
     }
-    let (live, messages) = Live::start_and_listen(input, captioner, options)?;
+    let (live, mut messages) = Live::start_and_listen(input, captioner, options)?;
     if let Some(moved) = live.damaged_database() {
         note!(
             "warning: the database was damaged; it is now {}, and a new one was begun",
@@ -101,8 +101,12 @@ fn watch(args: &LiveArgs) -> CliResult {
                     break;
                 }
             },
-            Err(Silence::Closed) => break,
-            Err(Silence::Timeout) if live.is_over() => break,
+            Err(_) if live.is_over() => break,
+            // The radar goes on, whether or not anybody reads what is printed.
+            Err(Silence::Closed) => {
+                note!("warning: messages were not printed: the output is read too slowly");
+                messages = live.subscribe();
+            }
             Err(Silence::Timeout) => {}
         }
         let problem = live.broker_problem();
