@@ -22,8 +22,10 @@ const MAX_SHIFT_S: f64 = 4.0;
 const MIN_EXTENT_M: f32 = 0.6;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
-/// Probability of a posture from which on it is stated where the site was not learned: a wrong posture says less than none.
+/// Probability of a posture from which on it is stated where the site is not known well: a wrong posture says less than
+/// none. The error of heights, m, up to which a site is known well: less than that of a track.
 const SURE_OF_POSTURE: f32 = 0.65;
+const WELL_KNOWN_M: f32 = 0.1;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
 /// a moment.
 const WALKING: f32 = 0.5;
@@ -177,19 +179,19 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
             }
         }
     }
-    if !site.is_learned() {
-        let mut has_fallen = false;
-        for state in &mut states {
-            // Who has just fallen lies where the height says so, even if it is not certain.
-            if let Activity::Stays(_) = state.activity
-                && state.probability < SURE_OF_POSTURE
-                && !has_fallen
-            {
-                state.activity = Activity::StaysSomehow;
-                state.probability = 1.0;
-            }
-            has_fallen = state.activity == Activity::Falls;
+    let mut has_fallen = false;
+    for state in &mut states {
+        let is_known = site.height_error_m(state.distances_m()[1]) < WELL_KNOWN_M;
+        // Who has just fallen lies where the height says so, even if it is not certain.
+        if let Activity::Stays(_) = state.activity
+            && state.probability < SURE_OF_POSTURE
+            && !is_known
+            && !has_fallen
+        {
+            state.activity = Activity::StaysSomehow;
+            state.probability = 1.0;
         }
+        has_fallen = state.activity == Activity::Falls;
     }
     let mut states = joined(states);
     for state in &mut states {
@@ -481,7 +483,7 @@ mod tests {
         };
         let unlearned = || Site::unlearned("board", 1.5);
         let learned = || Site {
-            walking_s: 60.0,
+            walking_s: 300.0,
             ..unlearned()
         };
         assert_eq!(found(0.7, unlearned()), Activity::Stays(Posture::Sitting));
