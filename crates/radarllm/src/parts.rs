@@ -443,7 +443,7 @@ mod tests {
         assert_eq!(
             actions,
             [
-                ["walk"],
+                ["pace"],
                 ["sit_still"],
                 ["stand_still"],
                 ["fall"],
