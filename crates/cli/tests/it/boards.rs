@@ -64,7 +64,7 @@ actions = ["fall"]
 judged = "event"
 [[activity]]
 name = "walking"
-actions = ["walk"]
+actions = ["walk", "pace"]
 "#;
 
 #[test]
