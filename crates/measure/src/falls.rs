@@ -21,8 +21,8 @@ const LANDING_S: f64 = 1.0;
 /// not fall.
 const UP_M: f32 = 0.8;
 const BEFORE_S: f64 = 1.5;
-/// Nearer than this, m, the board sees a part of a body only, and nobody is told to fall: who reaches for the board, or
-/// walks past below it, is tracked downward.
+/// Nearer than this, m, the board sees a part of a body only, and no fall is stated: the track of somebody who reaches for
+/// the board, or walks past below it, sinks.
 const MIN_DISTANCE_M: f32 = 0.7;
 /// Two falls of one person are at least this far apart, s.
 const APART_S: f64 = 3.0;
@@ -123,12 +123,7 @@ pub(crate) fn confirmed(frames: &[PointFrame], fall: Fall, site: &Site) -> Optio
     /// Part of the doubt that points which are down leave: of the falls of the IWRL6432 that are stated, all are falls.
     const DOUBT: f32 = 0.3;
     let [from_s, to_s] = AFTER_S.map(|s| fall.t_s + s);
-    let points = frames
-        .iter()
-        .filter(|frame| (from_s..=to_s).contains(&frame.time_s))
-        .flat_map(|frame| &frame.points)
-        .filter(|point| !point.is_leakage());
-    let heights_m: Vec<f32> = points
+    let heights_m: Vec<f32> = points_between(frames, from_s, to_s)
         .filter_map(|point| {
             let [y_m, z_m] = site.level([point.y_m, point.z_m]);
             let apart_m = (point.x_m - fall.place_m[0]).hypot(y_m - fall.place_m[1]);
@@ -145,6 +140,20 @@ pub(crate) fn confirmed(frames: &[PointFrame], fall: Fall, site: &Site) -> Optio
     })
 }
 
+/// The points between two times, s, without leakage. Frames are in order of time.
+fn points_between(
+    frames: &[PointFrame],
+    from_s: f64,
+    to_s: f64,
+) -> impl Iterator<Item = &RadarPoint> {
+    let first = frames.partition_point(|frame| frame.time_s < from_s);
+    let last = frames.partition_point(|frame| frame.time_s <= to_s);
+    let points = frames[first..last.max(first)]
+        .iter()
+        .flat_map(|f| &f.points);
+    points.filter(|point| !point.is_leakage())
+}
+
 /// Adds a fall; of several that are one, the surest stays.
 fn push(falls: &mut Vec<Fall>, fall: Fall) {
     match falls.last_mut() {
@@ -159,18 +168,8 @@ fn push(falls: &mut Vec<Fall>, fall: Fall) {
 
 /// The falls that the points of one person show, for boards that do not track heights.
 pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
-    let times: Vec<f64> = frames.iter().map(|f| f.time_s).collect();
-    // Heights and places of all points between two times.
-    let pool = |from_s: f64, to_s: f64| {
-        let (first, last) = (
-            times.partition_point(|t| *t < from_s),
-            times.partition_point(|t| *t <= to_s),
-        );
-        let points = frames[first..last.max(first)]
-            .iter()
-            .flat_map(|f| &f.points);
-        let seen = points.filter(|p| !p.is_leakage());
-        seen.copied().collect::<Vec<RadarPoint>>()
+    let pool = |from_s: f64, to_s: f64| -> Vec<RadarPoint> {
+        points_between(frames, from_s, to_s).copied().collect()
     };
     let middle = |points: &[RadarPoint]| {
         (points.len() >= POOL_POINTS)
@@ -178,7 +177,7 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
             .flatten()
     };
     let mut falls = Vec::new();
-    for t_s in times.iter().copied() {
+    for t_s in frames.iter().map(|f| f.time_s) {
         let before = pool(t_s - POOL_GAP_S - POOL_S, t_s - POOL_GAP_S);
         let after = pool(t_s, t_s + POOL_S);
         let (Some(before_m), Some(after_m)) = (middle(&before), middle(&after)) else {

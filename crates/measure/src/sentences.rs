@@ -81,6 +81,16 @@ mod tests {
         state
     }
 
+    /// The actions that a sentence states to those who judge sentences.
+    fn actions(text: &str) -> Vec<&'static str> {
+        let clauses = radarllm_facts::parse(text);
+        clauses
+            .iter()
+            .flat_map(|c| &c.actions)
+            .map(|a| a.name)
+            .collect()
+    }
+
     /// Every sentence states its action to those who judge sentences.
     #[test]
     fn sentences_are_read_as_they_are_meant() {
@@ -101,13 +111,7 @@ mod tests {
             (Activity::Walks, [[-2.0, 3.0], [2.0, 3.0]], &["walk"]),
         ] {
             let text = sentence(&state(activity, places_m));
-            let clauses = radarllm_facts::parse(&text);
-            let found: Vec<&str> = clauses
-                .iter()
-                .flat_map(|c| &c.actions)
-                .map(|a| a.name)
-                .collect();
-            assert_eq!(found, actions, "{text}");
+            assert_eq!(self::actions(&text), actions, "{text}");
         }
     }
 
@@ -137,12 +141,6 @@ mod tests {
         state.between_m = [0.9, 3.6];
         let text = sentence(&state);
         assert_eq!(text, "a person walks to and fro, 0.9 to 3.6 m away");
-        let clauses = radarllm_facts::parse(&text);
-        let found: Vec<&str> = clauses
-            .iter()
-            .flat_map(|c| &c.actions)
-            .map(|a| a.name)
-            .collect();
-        assert_eq!(found, ["pace"]);
+        assert_eq!(actions(&text), ["pace"]);
     }
 }

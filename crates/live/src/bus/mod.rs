@@ -52,8 +52,6 @@ struct Inner {
     stamp: Stamp,
     state: State,
     queues: Vec<Arc<Queue>>,
-    /// Those of readers for whom the publisher waits.
-    awaited: Vec<Arc<Queue>>,
     is_closed: bool,
 }
 
@@ -110,7 +108,6 @@ impl Bus {
             stamp: Stamp::default(),
             state: State::new(about),
             queues: Vec::new(),
-            awaited: Vec::new(),
             is_closed: false,
         };
         Self {
@@ -132,7 +129,8 @@ impl Bus {
             counts.published[body.index()].fetch_add(1, Ordering::Relaxed);
             let published = Arc::new(Published::new(inner.seq, stamp, body));
             inner.send(&published, counts);
-            inner.awaited.clone()
+            let awaited = inner.queues.iter().filter(|queue| queue.is_awaited());
+            awaited.cloned().collect::<Vec<_>>()
         };
         // Others publish and subscribe meanwhile.
         for queue in awaited {
@@ -142,32 +140,29 @@ impl Bus {
 
     /// A new reader. It gets `hello` first and then every message.
     pub fn subscribe(&self) -> Reader {
-        self.reader(Queue::default(), false)
+        self.reader(Queue::default())
     }
 
     /// As [`Self::subscribe`], for a reader that must not be too slow: [`Self::publish`] waits for it. For replays, of which
     /// nothing may be lost; who waits for a radar does not notice a fall.
     pub fn subscribe_awaited(&self) -> Reader {
-        self.reader(Queue::awaited(), true)
+        self.reader(Queue::awaited())
     }
 
     /// From now on, no reader is waited for.
     pub fn stop_waiting(&self) {
-        for queue in self.shared.lock().awaited.drain(..) {
+        for queue in &self.shared.lock().queues {
             queue.leave_behind();
         }
     }
 
-    fn reader(&self, queue: Queue, is_awaited: bool) -> Reader {
+    fn reader(&self, queue: Queue) -> Reader {
         let queue = Arc::new(queue);
         let snapshot = {
             let inner = &mut *self.shared.lock();
             match inner.is_closed {
                 true => None,
                 false => {
-                    if is_awaited {
-                        inner.awaited.push(Arc::clone(&queue));
-                    }
                     inner.queues.push(Arc::clone(&queue));
                     Some(inner.snapshot())
                 }
@@ -215,7 +210,6 @@ impl Bus {
     pub fn close(&self) {
         let inner = &mut *self.shared.lock();
         inner.is_closed = true;
-        inner.awaited.clear();
         for queue in inner.queues.drain(..) {
             queue.close();
         }
@@ -310,10 +304,8 @@ impl Drop for Reader {
     fn drop(&mut self) {
         // Who waits for this reader goes on.
         self.queue.close();
-        let inner = &mut *self.shared.lock();
-        for queues in [&mut inner.queues, &mut inner.awaited] {
-            queues.retain(|queue| !Arc::ptr_eq(queue, &self.queue));
-        }
+        let queues = &mut self.shared.lock().queues;
+        queues.retain(|queue| !Arc::ptr_eq(queue, &self.queue));
     }
 }
 

@@ -45,6 +45,11 @@ impl Queue {
         queue
     }
 
+    /// Whether the publisher waits for this reader.
+    pub(super) fn is_awaited(&self) -> bool {
+        self.lock().is_awaited
+    }
+
     /// Waits until there is room, if the publisher waits for this reader.
     pub(super) fn wait_for_room(&self) {
         let is_full =
