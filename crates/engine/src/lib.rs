@@ -80,9 +80,10 @@
 //! The vector instructions are chosen once per engine ([`SimdLevel`]): AVX-512 with VNNI, AVX-512, AVX2, or portable
 //! code. Sentences depend neither on the number of threads nor on the other members of the batch.
 //!
-//! Reading order: [`tokenizer`] (tubes of points to codes); [`point_decoder`] (codes to points); for the T5, [`weights`] (names and shapes), [`Engine`]
+//! Reading order: [`tokenizer`] (tubes of points to codes); [`point_decoder`] (codes to points); [`evidence`] (what the points say by themselves);
+//! for the T5, [`weights`] (names and shapes), [`Engine`]
 //! (packed weights), [`Session`] (buffers and threads of one caller) and [`search`](mod@search) (greedy and beam
-//! search, also used by other networks). Internal modules: `matrix` (matrix products), `rows` (norms, attention,
+//! search, also used by other networks). Internal modules: `matrix` (matrix products), `dense` (layers of small networks), `rows` (norms, attention,
 //! softmax) and `pool` (threads).
 //!
 //! Out of scope: text and points. The inputs are tubes and token ids, the outputs are codes and token ids.
@@ -93,7 +94,9 @@
     allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
+mod dense;
 mod error;
+pub mod evidence;
 mod matrix;
 mod network;
 pub mod point_decoder;
@@ -102,6 +105,7 @@ pub mod position;
 mod rows;
 pub mod search;
 mod session;
+
 pub mod tokenizer;
 pub mod weights;
 

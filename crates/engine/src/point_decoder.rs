@@ -5,6 +5,7 @@
 //! `radarllm-nn`, which trains it. The network is so small that it needs no vector instructions.
 
 use crate::EngineError;
+use crate::dense::Dense;
 use crate::weights::{NamedTensors, Taker};
 
 /// Radar frames of a code.
@@ -64,31 +65,6 @@ impl PointDecoderShape {
     }
 }
 
-struct Linear {
-    /// `[from, to]`.
-    weight: Vec<f32>,
-    bias: Vec<f32>,
-}
-
-impl Linear {
-    fn take(weights: &mut Taker, name: &str, from: usize, to: usize) -> Result<Self, EngineError> {
-        Ok(Self {
-            weight: weights.take(&format!("{name}.weight"), &[from, to])?,
-            bias: weights.take(&format!("{name}.bias"), &[to])?,
-        })
-    }
-
-    fn apply(&self, x: &[f32]) -> Vec<f32> {
-        let mut out = self.bias.clone();
-        for (value, row) in x.iter().zip(self.weight.chunks_exact(out.len())) {
-            for (sum, weight) in out.iter_mut().zip(row) {
-                *sum += value * weight;
-            }
-        }
-        out
-    }
-}
-
 /// The weights of the decoder.
 pub struct PointDecoder {
     shape: PointDecoderShape,
@@ -96,7 +72,7 @@ pub struct PointDecoder {
     codes: Vec<f32>,
     /// Embedding of what is before the first code and after the last one.
     edge: Vec<f32>,
-    layers: [Linear; 3],
+    layers: [Dense; 3],
 }
 
 impl PointDecoder {
@@ -112,9 +88,9 @@ impl PointDecoder {
             codes: w.take("codes", &[shape.n_codes, shape.width])?,
             edge: w.take("edge", &[1, shape.width])?,
             layers: [
-                Linear::take(w, "widen", shape.window() * shape.width, shape.hidden)?,
-                Linear::take(w, "middle", shape.hidden, shape.hidden)?,
-                Linear::take(w, "out", shape.hidden, shape.outputs())?,
+                Dense::take(w, "widen", shape.window() * shape.width, shape.hidden)?,
+                Dense::take(w, "middle", shape.hidden, shape.hidden)?,
+                Dense::take(w, "out", shape.hidden, shape.outputs())?,
             ],
             shape,
         };
@@ -146,8 +122,7 @@ impl PointDecoder {
             let window = (0..s.window()).map(|i| (index + i).checked_sub(s.context));
             let x: Vec<f32> = window.flat_map(embedding).copied().collect();
             let [widen, middle, out] = &self.layers;
-            let relu = |x: Vec<f32>| -> Vec<f32> { x.into_iter().map(|v| v.max(0.0)).collect() };
-            let values = out.apply(&relu(middle.apply(&relu(widen.apply(&x)))));
+            let values = out.apply(&middle.apply_relu(&widen.apply_relu(&x)));
             match values.iter().all(|v| v.is_finite()) {
                 true => Ok(values),
                 false => Err(EngineError::Output { index }),

@@ -64,6 +64,7 @@
 
 pub mod backend;
 pub mod checkpoint;
+pub mod evidence;
 pub mod lm;
 pub mod prepare;
 pub mod tokenizer;

@@ -44,6 +44,11 @@ pub static FEATURES: Bundled = Bundled {
         model_file!("lm/average.safetensors", "weights/lm/average.safetensors"),
         model_file!("lm/config.json", "weights/lm/config.json"),
         model_file!("lm/tokenizer.json", "weights/lm/tokenizer.json"),
+        model_file!("evidence/config.json", "weights/evidence/config.json"),
+        model_file!(
+            "evidence/model.safetensors",
+            "weights/evidence/model.safetensors"
+        ),
         model_file!("tokenizer/config.json", "weights/tokenizer/config.json"),
         model_file!(
             "tokenizer/model.safetensors",

@@ -65,7 +65,9 @@ pub mod values;
 mod tests;
 
 pub use error::BuiltinError;
-pub use random::{PeopleRequest, once_request, pair_request, people_request, random_request};
+pub use random::{
+    PeopleRequest, once_request, pair_request, people_request, random_request, side_request,
+};
 pub use render::Procedural;
 pub use request::{BuiltinRequest, parse};
 pub use spec::{MotionSpec, specs};

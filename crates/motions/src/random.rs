@@ -15,6 +15,8 @@ const TEMPO_MARGIN: f32 = 1.07;
 const GOES_ON: f32 = 0.25;
 /// Motions of [`people_request`] alone.
 const OF_PEOPLE: [&str; 3] = ["leg_raise", "pace", "walk_turn"];
+/// Share of the motions of [`side_request`] that people repeat which are repeated for longer than a window.
+const SIDES_GO_ON: f32 = 0.4;
 /// Share of motions made once, and of pairs, with pauses before and after.
 const PAUSED: f32 = 0.35;
 /// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
@@ -112,6 +114,56 @@ pub fn pair_request(rng_seed: u64) -> BuiltinRequest {
         Some(sequence(Shares::Everyday, dice)? + &sway)
     })
     .unwrap_or_else(|| random_request(rng_seed))
+}
+
+/// Draws one motion of a hand, an arm or a leg, or of both of them: every kind of motion and every side equally often, with
+/// the pace and size of people's own motions, many of them repeated for longer than a window or with
+/// pauses before and after.
+pub fn side_request(rng_seed: u64) -> PeopleRequest {
+    let mut dice = Dice::new(rng_seed, "side");
+    let is_repeated = dice.chance(SIDES_GO_ON);
+    let has_pauses = dice.chance(0.4);
+    for _ in 0..ATTEMPTS {
+        let Some((text, is_continuous)) = one_sided(is_repeated, &mut dice) else {
+            continue;
+        };
+        let text = match has_pauses && !is_continuous {
+            true => with_pauses(text, &mut dice),
+            false => Some(text),
+        };
+        if let Some(request) = text.and_then(|t| parse(&t).ok())
+            && (is_continuous || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
+        {
+            return PeopleRequest {
+                request,
+                is_continuous,
+            };
+        }
+    }
+    PeopleRequest {
+        request: random_request(rng_seed),
+        is_continuous: false,
+    }
+}
+
+/// A motion of one side or of both, and whether it is continuous.
+fn one_sided(is_repeated: bool, dice: &mut Dice) -> Option<(String, bool)> {
+    let sided: Vec<_> = specs().iter().filter(|s| s.key("side").is_some()).collect();
+    let spec = (!sided.is_empty()).then(|| dice.pick(&sided))?;
+    let mut own = keys(spec, true, dice);
+    let is_continuous = is_repeated && REPEATED.iter().any(|(name, _)| *name == spec.name);
+    if is_continuous {
+        let [few, max] = MANY;
+        let times = few + dice.index((max - few) as usize) as u32;
+        set_key(&mut own, "repetitions", &times.to_string());
+    }
+    set_hold(spec, &mut own, 0.7, 1.5, dice);
+    let mut all = globals(dice);
+    if let Some(sway_m) = drawn_sway_m(dice) {
+        all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
+    }
+    let text = format!("{}?{}", spec.name, query(&[own, all]));
+    Some((with_any_pace_and_size(Some(text), dice)?, is_continuous))
 }
 
 /// The first drawn request that is valid and, with pauses before and after it if asked for, not longer than a window.

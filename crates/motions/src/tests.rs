@@ -1130,3 +1130,34 @@ fn pairs_are_two_motions_that_fit_into_a_window() {
     }
     assert!(actions.len() > 150, "{} pairs", actions.len());
 }
+
+#[test]
+fn sides_are_drawn_equally_often() {
+    let mut sides = std::collections::BTreeMap::<String, usize>::new();
+    let mut actions = std::collections::BTreeSet::new();
+    let mut n_continuous = 0;
+    for seed in 0..600 {
+        let drawn = crate::side_request(seed);
+        let text = drawn.request.to_string();
+        assert_eq!(text, crate::side_request(seed).request.to_string());
+        assert_eq!(drawn.request.segments.len(), 1, "{text}");
+        if !drawn.is_continuous {
+            assert!(drawn.request.nominal_duration_s() <= crate::random::LONGEST_S);
+        }
+        n_continuous += usize::from(drawn.is_continuous);
+        let side = text
+            .split(['?', '&'])
+            .find_map(|key| key.strip_prefix("side="));
+        *sides
+            .entry(side.unwrap_or("by direction").into())
+            .or_default() += 1;
+        actions.insert(drawn.request.action());
+    }
+    assert!(actions.len() >= 15, "{actions:?}");
+    assert!((60..240).contains(&n_continuous), "{n_continuous}");
+    let (left, right) = (sides["left"], sides["right"]);
+    assert!(
+        left.abs_diff(right) < 60 && left > 150 && sides["both"] > 60,
+        "{sides:?}"
+    );
+}

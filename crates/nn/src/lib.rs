@@ -11,6 +11,7 @@
 //! | codes to words, training implementation | [`lm::RadarLm`] |
 //! | a captioner on these networks | [`ReferenceBackend`], [`load_reference`], [`load_any`] |
 //! | the teacher of the radar tokenizer | [`motion_vqvae`] |
+//! | what the points say by themselves | [`evidence`] |
 //! | GPT-2, Qwen2, BERT, LoRA adapters | [`pretrained`] |
 //! | CPU, GPU, several GPUs | [`device`] |
 //! | parameters by name | [`params`] |
@@ -25,6 +26,7 @@
 
 pub mod backend;
 pub mod device;
+pub mod evidence;
 pub mod lm;
 pub mod motion_vqvae;
 pub mod params;

@@ -185,7 +185,8 @@ impl Captioner {
         site: Option<&Site>,
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
-        let is_known = !self.measures || confidence.is_none_or(|confidence| confidence.knows(clip));
+        let is_learned = confidence.is_none_or(|confidence| confidence.knows(clip));
+        let is_known = !self.measures || is_learned;
         if let Some(site) = &self.site
             && !is_known
             && site.radar != clip.radar
@@ -206,6 +207,7 @@ impl Captioner {
         if findings.states.is_none() {
             let options = DescribeOptions {
                 only_guesses: options.only_guesses || measures,
+                weighed: options.weighed && is_learned,
                 ..*options
             };
             let mut said = describe_between_gaps(self.model.networks(), clip, &options)?;

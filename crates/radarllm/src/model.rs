@@ -10,7 +10,8 @@ use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_inference::{
     Captioner, LmError, LoadBackend, Precision,
     backend::load_engine,
-    checkpoint::{Checkpoint, visit_files},
+    checkpoint::{Checkpoint, CheckpointError, visit_files},
+    evidence::Evidence,
     lm::{
         RadarCut,
         ensemble::{Member, member_folders, open_members},
@@ -24,6 +25,8 @@ use crate::RecordedConfidence;
 
 /// Folder of the decoder of radar tokens in the folder of a model.
 const POINTS: &str = "points";
+/// Folder of the networks that weigh sentences.
+const EVIDENCE: &str = "evidence";
 /// The model card in the folder of a model.
 const CARD: &str = "README.md";
 
@@ -147,6 +150,23 @@ impl ModelFiles {
         }
     }
 
+    /// The checkpoint in a folder of the model, `None` if there is no such folder.
+    fn part(&self, part: &str) -> std::result::Result<Option<Checkpoint>, CheckpointError> {
+        match self {
+            Self::Folder(folder) => {
+                let folder = folder.join(part);
+                folder
+                    .is_dir()
+                    .then(|| Checkpoint::open(&folder))
+                    .transpose()
+            }
+            Self::Bundled(model) => {
+                let found = bundled_checkpoint(*model, part);
+                Ok((!found.names().is_empty()).then_some(found))
+            }
+        }
+    }
+
     fn members(&self) -> std::result::Result<Vec<Member>, LmError> {
         match self {
             Self::Folder(folder) => Ok(open_members(folder)?),
@@ -228,7 +248,13 @@ impl Model {
                 cut: options.cut,
                 ..member
             };
-            Captioner::from_members(all.into_iter().map(cut), options.precision, options.backend)
+            let all = all.into_iter().map(cut);
+            let networks = Captioner::from_members(all, options.precision, options.backend)?;
+            // Without what the language model reads of the radar, nothing else may tell it either.
+            match files.part(EVIDENCE)?.filter(|_| options.cut.is_none()) {
+                Some(evidence) => Ok(networks.with_evidence(Evidence::of(&evidence)?)),
+                None => Ok(networks),
+            }
         });
         let networks = networks.map_err(|error| match &files {
             ModelFiles::Bundled(_) => Error::wrap(error),
@@ -284,19 +310,8 @@ impl Model {
     /// A model without one, or one that is damaged or belongs to other tokens.
     pub fn points(&self) -> Result<PointDecoder> {
         let place = self.files.path(POINTS);
-        let found = match &self.files {
-            ModelFiles::Bundled(model) => {
-                let decoder = bundled_checkpoint(*model, POINTS);
-                let tokenizer = bundled_checkpoint(*model, "tokenizer");
-                (!decoder.names().is_empty()).then_some((decoder, tokenizer))
-            }
-            ModelFiles::Folder(folder) if place.is_dir() => {
-                let open = |part| Checkpoint::open(&folder.join(part)).map_err(Error::wrap);
-                Some((open(POINTS)?, open("tokenizer")?))
-            }
-            ModelFiles::Folder(_) => None,
-        };
-        let Some((decoder, tokenizer)) = found else {
+        let part = |part| self.files.part(part).map_err(Error::wrap);
+        let (Some(decoder), Some(tokenizer)) = (part(POINTS)?, part("tokenizer")?) else {
             let missing = "the model has no decoder of radar tokens, which makes points of them";
             return Err(Error::in_file(&place, missing).with_hint(
                 "`radarllm train points RECIPE` trains it with the recipe of the model and adds it to the model's folder",
@@ -343,6 +358,9 @@ impl Model {
                         visit_files(&member.join(part), &mut add).map_err(Error::wrap)?;
                     }
                 }
+                if folder.join(EVIDENCE).is_dir() {
+                    visit_files(&folder.join(EVIDENCE), &mut add).map_err(Error::wrap)?;
+                }
             }
         }
         let hash = hash.finish();
@@ -370,6 +388,7 @@ mod tests {
         for (part, weights_file) in [
             ("tokenizer", "model.safetensors"),
             ("lm", "average.safetensors"),
+            ("evidence", "model.safetensors"),
             ("member-2/tokenizer", "model.safetensors"),
             ("member-2/lm", "average.safetensors"),
         ] {

@@ -29,7 +29,7 @@
 //! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
 //! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`],
-//! [`tokenizer`], [`points`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] and [`pictures`] (what comparison
+//! [`tokenizer`], [`points`], [`evidence`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] and [`pictures`] (what comparison
 //! systems read instead of radar codes).
 
 #![cfg_attr(
@@ -45,6 +45,7 @@ pub mod code_captions;
 pub mod data;
 mod error;
 mod event_file;
+pub mod evidence;
 pub mod harness;
 pub mod lm;
 mod log;

@@ -29,6 +29,7 @@ use radarllm_nn::{device::Processors, lm::RadarLm, pose::PoseEstimator};
 use serde::{Deserialize, Serialize};
 
 use crate::{
+    evidence::{self, EvidenceTrainConfig},
     harness::{self, Ending, StopToken, TrainError},
     lm::{CodeSource, LmClip, LmTrainConfig, Motions, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
@@ -52,6 +53,8 @@ pub enum RecipeStage {
     Instruct,
     /// The decoder of radar codes, which only generation needs.
     Points,
+    /// The networks that read the points of a window as numbers, and weigh sentences where a model has them.
+    Evidence,
     /// The pose network, of comparison systems.
     Pose,
     /// The pose network trained on the motions of one half, which estimates those of the other half.
@@ -73,6 +76,7 @@ impl RecipeStage {
     pub const GROUPS: [&[Self]; 4] = [
         &[Self::Motion],
         &[
+            Self::Evidence,
             Self::Pose,
             Self::PoseFirstHalf,
             Self::PoseSecondHalf,
@@ -95,6 +99,7 @@ impl RecipeStage {
             Self::Pretrain => "pretrain",
             Self::Instruct => "instruct",
             Self::Points => "points",
+            Self::Evidence => "evidence",
             Self::Pose => "pose",
             Self::PoseFirstHalf => "pose_first_half",
             Self::PoseSecondHalf => "pose_second_half",
@@ -150,7 +155,8 @@ pub struct Recipe {
     pub start: Option<PathBuf>,
     /// Number of simulations per training motion, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
-    /// Number of disturbed copies of every training clip from which the language model learns, beside the clip itself:
+    /// Number of disturbed copies of every training clip from which the language model and the networks that weigh its
+    /// sentences learn, beside the clip itself:
     /// [`radarllm_base::disturb`].
     pub disturbed_copies: usize,
     /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, `"libtorch"`, `"libtorch:N"`,
@@ -168,6 +174,9 @@ pub struct Recipe {
     /// is absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<PointsTrainConfig>,
+    /// Settings of the networks that weigh sentences; none are trained if the table is absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub evidence: Option<EvidenceTrainConfig>,
     /// Settings of the pose network of comparison systems; none is trained if the table is absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pose: Option<PoseTrainConfig>,
@@ -195,6 +204,7 @@ impl Default for Recipe {
             pretrain: LmTrainConfig::small(),
             instruct: LmTrainConfig::small().for_instruction(),
             points: None,
+            evidence: None,
             pose: None,
             stop: StopToken::default(),
             stage_folders: BTreeMap::new(),
@@ -254,6 +264,9 @@ impl Recipe {
         recipe.instruct.validate()?;
         if let Some(points) = &recipe.points {
             points.validate()?;
+        }
+        if let Some(evidence) = &recipe.evidence {
+            evidence.validate()?;
         }
         if let Some(pose) = &recipe.pose {
             pose.validate()?;
@@ -357,6 +370,7 @@ impl Recipe {
             let after = stages.iter().filter(|stage| stage.shapes_tokenizer());
             stages.insert(after.count(), RecipeStage::Points);
         }
+        stages.extend(self.evidence.as_ref().map(|_| RecipeStage::Evidence));
         stages.extend(self.pose.as_ref().map(|_| RecipeStage::Pose));
         stages
     }
@@ -379,6 +393,7 @@ impl Recipe {
         let out = self.stage_dir(stage);
         let mut recipe = self.clone();
         let mut points = recipe.points.take().unwrap_or_default();
+        let mut evidence = recipe.evidence.take().unwrap_or_default();
         let mut pose = recipe.pose.take().unwrap_or_default();
         for run in [
             &mut recipe.motion.run,
@@ -386,6 +401,7 @@ impl Recipe {
             &mut recipe.pretrain.run,
             &mut recipe.instruct.run,
             &mut points.run,
+            &mut evidence.run,
             &mut pose.run,
         ] {
             run.processors = self.device.clone();
@@ -464,7 +480,18 @@ impl Recipe {
                 let ending =
                     points::train(&points, &tokenizer, &hash, &train, &val, &out, resume)?.ending;
                 if ending != Ending::Stopped && self.model_dir().is_dir() {
-                    self.add_points()?;
+                    self.add(RecipeStage::Points)?;
+                }
+                ending
+            }
+            RecipeStage::Evidence => {
+                let train = self.clips(Split::Train, Columns::Points)?;
+                let val = self.clips(Split::Val, Columns::Points)?;
+                let ending =
+                    evidence::train(&evidence, &train, self.disturbed_copies, &val, &out, resume)?
+                        .ending;
+                if ending != Ending::Stopped && self.model_dir().is_dir() {
+                    self.add(RecipeStage::Evidence)?;
                 }
                 ending
             }
@@ -501,17 +528,16 @@ impl Recipe {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
         }
         // A decoder of earlier codes would not fit this tokenizer.
-        let _ = fs::remove_dir_all(self.model_dir().join(POINTS));
-        match self.is_finished(RecipeStage::Points) {
-            true => self.add_points(),
-            false => Ok(()),
-        }
+        let _ = fs::remove_dir_all(self.model_dir().join(RecipeStage::Points.name()));
+        let further = [RecipeStage::Points, RecipeStage::Evidence];
+        let finished = further.into_iter().filter(|stage| self.is_finished(*stage));
+        finished.into_iter().try_for_each(|stage| self.add(stage))
     }
 
-    /// Copies the decoder of radar codes into the folder that inference opens.
-    fn add_points(&self) -> Result<(), TrainError> {
-        let from = self.result(RecipeStage::Points)?;
-        copy_files(&from, &self.model_dir().join(POINTS))
+    /// Copies what a model can have beside its members into the folder that inference opens.
+    fn add(&self, stage: RecipeStage) -> Result<(), TrainError> {
+        let from = self.result(stage)?;
+        copy_files(&from, &self.model_dir().join(stage.name()))
     }
 
     /// Checkpoint of a finished stage: the best one by validation, or the last one.
@@ -677,9 +703,6 @@ fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
     });
 }
 
-/// Name of the decoder's folder in a model.
-const POINTS: &str = "points";
-
 /// Number of clips that are grouped and encoded at once.
 const ENCODE_CLIPS: usize = 128;
 
@@ -695,10 +718,7 @@ pub fn lm_clips(
     disturbed_copies: usize,
 ) -> Result<Vec<LmClip>, TrainError> {
     let points = |clip: &ClipRecord, copy: usize, mirrored: bool| {
-        let mut frames = match copy {
-            0 => clip.frames.clone(),
-            _ => disturbed(clip, copy),
-        };
+        let mut frames = copy_of(clip, copy);
         if mirrored {
             frames.iter_mut().for_each(PointFrame::mirror);
         }
@@ -744,8 +764,11 @@ pub fn lm_clips(
     Ok(motions.into_clips())
 }
 
-/// A disturbed copy of a clip. A clip of which nothing would be left stays as it is.
-fn disturbed(clip: &ClipRecord, copy: usize) -> Vec<PointFrame> {
+/// The frames of a clip, or of a disturbed copy of it from 1 on. A clip of which nothing would be left stays as it is.
+pub(crate) fn copy_of(clip: &ClipRecord, copy: usize) -> Vec<PointFrame> {
+    if copy == 0 {
+        return clip.frames.clone();
+    }
     let pace = Pace::UpTo {
         max_frames: MAX_FRAMES,
     };

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::card::Learned;
 use super::consensus::WindowReadings;
-use super::ensemble::{Ensemble, Member, Sentence, open_members};
+use super::ensemble::{EncodedWindow, Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
 use super::questions::{NOT_STATED, YES, holds};
 use super::templates::Task;
@@ -22,6 +22,7 @@ use super::{
     Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
 };
 use crate::backend::{Backend, LoadBackend, load_engine};
+use crate::evidence::Evidence;
 use crate::prepare::{FRAME_RATE_HZ, PreparedClip};
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
@@ -63,6 +64,9 @@ pub struct DescribeOptions {
     /// Whether the sentences are guesses about a board that the model did not learn. A long recording is then described in no
     /// more windows than show when somebody is there, by the first member of an ensemble alone.
     pub only_guesses: bool,
+    /// Whether sentences are weighed with what the points say by themselves ([`Captioner::with_evidence`]). Of boards that
+    /// the networks did not learn, they say less than the language model.
+    pub weighed: bool,
 }
 
 impl Default for DescribeOptions {
@@ -72,6 +76,7 @@ impl Default for DescribeOptions {
             min_median_points: 8,
             min_frames: 8,
             only_guesses: false,
+            weighed: true,
         }
     }
 }
@@ -253,6 +258,13 @@ impl Captioner {
         self
     }
 
+    /// The same captioner with its sentences weighed by what the points say by themselves.
+    #[must_use]
+    pub fn with_evidence(mut self, evidence: Evidence) -> Self {
+        self.ensemble = self.ensemble.with_evidence(evidence);
+        self
+    }
+
     /// Number of weights of all networks.
     pub fn n_params(&self) -> usize {
         self.ensemble.n_params()
@@ -339,7 +351,7 @@ impl Captioner {
                     .map(|(text, p)| sentences.reading(text, p))
                     .collect(),
             });
-            all[i].radar = Vec::new();
+            all[i].radar = EncodedWindow::default();
         }
         Ok(())
     }
@@ -718,8 +730,10 @@ impl Captioner {
         effort: Effort,
         options: &DescribeOptions,
         watch: &mut Watch,
-    ) -> Result<Vec<(Vec<Encoded>, Sentence)>, LmError> {
-        let encoded = self.ensemble.encode_by(windows, effort.n_members)?;
+    ) -> Result<Vec<(EncodedWindow, Sentence)>, LmError> {
+        let encoded = self
+            .ensemble
+            .encode_by(windows, effort.n_members, options.weighed)?;
         let (ensemble, generating) = (&self.ensemble, options.generate());
         let sentences = match options.beam {
             Some(_) => ensemble.sentences(&encoded, &generating, watch)?,

@@ -18,7 +18,16 @@ use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
 use crate::checkpoint::{Checkpoint, CheckpointError};
+use crate::evidence::{Evidence, N_SIDES, SIDES, WindowValues, only_side};
 use crate::tokenizer::{Encoded, context::context, encode::TokenizerFile};
+
+/// Power of what the points say by themselves about actions, beside the share of draws: chosen among 0.5, 1 and 1.5 on
+/// validation clips (docs/results/evidence.md).
+const TRUST: f32 = 0.5;
+/// Contents are at least this probable by the points, whatever they show.
+const MIN_PROBABILITY: f32 = 1e-4;
+/// Share of the draws that what nobody drew counts as: that of one of 32.
+const UNDRAWN: f32 = 0.03;
 
 /// Most members of an ensemble.
 const MAX_MEMBERS: usize = 8;
@@ -87,6 +96,8 @@ pub fn open_members(dir: &Path) -> Result<Vec<Member>, CheckpointError> {
 /// One or more models.
 pub(crate) struct Ensemble {
     members: Vec<Box<dyn Backend>>,
+    /// Networks that weigh the sentences, if the model has them.
+    evidence: Option<Evidence>,
 }
 
 /// The sentence about a window.
@@ -101,10 +112,38 @@ pub(crate) struct Sentence {
     pub side_confidence: Option<f32>,
 }
 
+/// What the members of an ensemble read of a window.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct EncodedWindow {
+    /// Codes, features and context by each member.
+    pub members: Vec<Encoded>,
+    /// What the points say by themselves, if that weighs the sentences.
+    pub evidence: Option<WindowEvidence>,
+}
+
+/// What the points of a window say by themselves.
+#[derive(Clone, Debug)]
+pub(crate) struct WindowEvidence {
+    values: WindowValues,
+    /// Probabilities of the contents.
+    contents: Vec<f32>,
+}
+
 impl Ensemble {
     pub(crate) fn new(member: Box<dyn Backend>) -> Self {
         Self {
             members: vec![member],
+            evidence: None,
+        }
+    }
+
+    /// The same, with sentences weighed by what the points say by themselves.
+    pub(crate) fn with_evidence(self, mut evidence: Evidence) -> Self {
+        let knows = |member: &dyn Backend, text: &str| member.vocab().text_ids(text).is_ok();
+        evidence.keep_sentences(|text| self.members.iter().all(|m| knows(m.as_ref(), text)));
+        Self {
+            evidence: Some(evidence),
+            ..self
         }
     }
 
@@ -124,24 +163,36 @@ impl Ensemble {
     }
 
     pub(crate) fn n_params(&self) -> usize {
-        self.members.iter().map(|m| m.n_params()).sum()
+        let members: usize = self.members.iter().map(|m| m.n_params()).sum();
+        members + self.evidence.as_ref().map_or(0, Evidence::n_params)
     }
 
-    /// Encodes windows, each with the height of its radar: `[windows][members]`.
+    /// Encodes windows, each with the height of its radar.
     pub(crate) fn encode(
         &self,
         windows: &[(&[PointFrame], f32)],
-    ) -> Result<Vec<Vec<Encoded>>, LmError> {
-        self.encode_by(windows, self.members.len())
+    ) -> Result<Vec<EncodedWindow>, LmError> {
+        self.encode_by(windows, self.members.len(), true)
     }
 
-    /// As [`Self::encode`], by the first `n_members` members. They alone describe these windows then.
+    /// As [`Self::encode`], by the first `n_members` members, which alone describe these windows then; `weighed` says whether
+    /// what the points say by themselves weighs their sentences.
     pub(crate) fn encode_by(
         &self,
         windows: &[(&[PointFrame], f32)],
         n_members: usize,
-    ) -> Result<Vec<Vec<Encoded>>, LmError> {
-        let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
+        weighed: bool,
+    ) -> Result<Vec<EncodedWindow>, LmError> {
+        let evidence = self.evidence.as_ref().filter(|_| weighed);
+        let of = |(frames, height_m): &(&[PointFrame], f32)| EncodedWindow {
+            members: Vec::new(),
+            evidence: evidence.and_then(|networks| {
+                let values = WindowValues::of(frames, *height_m)?;
+                let contents = networks.contents(&values);
+                Some(WindowEvidence { values, contents })
+            }),
+        };
+        let mut all: Vec<EncodedWindow> = windows.iter().map(of).collect();
         // The same for all members.
         let has_context = |member: &dyn Backend| member.vocab().has_context();
         let contexts: Vec<_> = match self.members.iter().any(|m| has_context(m.as_ref())) {
@@ -154,7 +205,9 @@ impl Ensemble {
                 let measured = encoded.iter_mut().zip(&contexts);
                 measured.for_each(|(e, context)| e.context = Some(*context));
             }
-            all.iter_mut().zip(encoded).for_each(|(w, e)| w.push(e));
+            all.iter_mut()
+                .zip(encoded)
+                .for_each(|(w, e)| w.members.push(e));
         }
         Ok(all)
     }
@@ -163,16 +216,16 @@ impl Ensemble {
     /// log-probability of a token; only a single member reports tokens to `watch`.
     pub(crate) fn sentences(
         &self,
-        windows: &[Vec<Encoded>],
+        windows: &[EncodedWindow],
         options: &GenerateOptions,
         watch: &mut Watch,
     ) -> Result<Vec<Sentence>, LmError> {
         let mut candidates: Vec<Vec<Sentence>> = vec![Vec::new(); windows.len()];
-        let n_members = windows.first().map_or(0, Vec::len);
+        let n_members = windows.first().map_or(0, |w| w.members.len());
         for (i, member) in self.members.iter().enumerate().take(n_members) {
             let prompts: Vec<Source> = windows
                 .iter()
-                .map(|radar| prompt(member.vocab(), &radar[i]))
+                .map(|window| prompt(member.vocab(), &window.members[i]))
                 .collect::<Result<_, _>>()?;
             let generated = match self.is_single() {
                 true => member.generate(&prompts, options, watch)?,
@@ -193,7 +246,9 @@ impl Ensemble {
             }
         }
         let elected = windows.iter().zip(candidates);
-        elected.map(|(radar, all)| self.elect(radar, all)).collect()
+        elected
+            .map(|(window, all)| self.elect(window, all))
+            .collect()
     }
 
     /// The sentence about each encoded window by a vote of `n` draws from each member. The actions are those of most draws.
@@ -207,17 +262,17 @@ impl Ensemble {
     /// numbers of draws, because these are few, and odd ones would count as much as others.
     pub(crate) fn voted(
         &self,
-        windows: &[Vec<Encoded>],
+        windows: &[EncodedWindow],
         n: usize,
         options: &GenerateOptions,
         cancel: &AtomicBool,
     ) -> Result<Vec<Sentence>, LmError> {
         let mut ballots: Vec<BTreeMap<String, usize>> = vec![BTreeMap::new(); windows.len()];
-        let n_members = windows.first().map_or(0, Vec::len);
+        let n_members = windows.first().map_or(0, |w| w.members.len());
         for (i, member) in self.members.iter().enumerate().take(n_members) {
             let prompts: Vec<Source> = windows
                 .iter()
-                .map(|radar| prompt(member.vocab(), &radar[i]))
+                .map(|window| prompt(member.vocab(), &window.members[i]))
                 .collect::<Result<_, _>>()?;
             let draws = member.draw(&prompts, n, options, cancel)?;
             for (ballots, draws) in ballots.iter_mut().zip(draws) {
@@ -228,23 +283,22 @@ impl Ensemble {
         }
         let votes = windows.iter().zip(ballots);
         votes
-            .map(|(radar, votes)| self.count(radar, votes))
+            .map(|(window, votes)| self.count(window, votes))
             .collect()
     }
 
     /// The sentence that a vote elects.
     fn count(
         &self,
-        radar: &[Encoded],
+        window: &EncodedWindow,
         votes: BTreeMap<String, usize>,
     ) -> Result<Sentence, LmError> {
-        let n: usize = votes.values().sum();
-        let votes: Vec<(String, usize)> = votes.into_iter().collect();
-        let (same_actions, n_agreeing) = most_frequent(votes, actions_stated);
+        let (same_actions, confidence) = self.same_actions(window, votes.into_iter().collect());
         let (texts, numbers): (Vec<String>, Vec<usize>) = same_actions.into_iter().unzip();
-        let log_probs = self.log_probs(radar, &texts)?;
+        let log_probs = self.log_probs(window, &texts)?;
         let members: Vec<Vec<f32>> = log_probs.iter().map(|of| among_each_other(of)).collect();
-        let (probabilities, log_probs) = (mean(&members), mean(&log_probs));
+        let (mut probabilities, log_probs) = (mean(&members), mean(&log_probs));
+        self.weigh_sides(window, &texts, &mut probabilities);
         let drawn = texts.into_iter().zip(numbers).enumerate();
         let drawn = drawn.map(|(i, (text, n))| Drawn {
             text,
@@ -259,7 +313,10 @@ impl Ensemble {
             .first()
             .is_some_and(states_side)
             .then_some(side_confidence);
-        let (same_directions, _) = heaviest(same_sides, directions_stated, |d| d.n as f32);
+        // Of sentences that nobody drew, the probabilities decide.
+        let is_drawn = same_sides.iter().any(|d| d.n > 0);
+        let weight = |d: &Drawn| if is_drawn { d.n as f32 } else { d.probability };
+        let (same_directions, _) = heaviest(same_sides, directions_stated, weight);
         let mut sentences = Vec::with_capacity(same_directions.len());
         for drawn in same_directions {
             let n_tokens = self.first().vocab().text_ids(&drawn.text)?.len();
@@ -269,26 +326,67 @@ impl Ensemble {
                 side_confidence,
             });
         }
-        let confidence = n_agreeing as f32 / n.max(1) as f32;
         Ok(Sentence {
             confidence,
             ..most_confident(sentences)
         })
     }
 
+    /// The drawn sentences with the actions that are stated, and how certain these are, 0..=1: those of most draws, and the
+    /// share of the draws that state them. If the points say something by themselves, the shares are multiplied by what they
+    /// say; actions that nobody drew count as [`UNDRAWN`] of the draws, and are stated by sentences of their own.
+    fn same_actions(&self, window: &EncodedWindow, votes: Votes) -> (Votes, f32) {
+        let n: usize = votes.iter().map(|(_, n)| n).sum();
+        let share =
+            |group: &Votes| group.iter().map(|(_, n)| n).sum::<usize>() as f32 / n.max(1) as f32;
+        let mut groups: BTreeMap<_, Votes> = BTreeMap::new();
+        for (text, n) in votes {
+            let actions = actions_stated(&text);
+            groups.entry(actions).or_default().push((text, n));
+        }
+        let mut weighed: Vec<(f32, Votes)> = Vec::new();
+        let mut drawn = BTreeSet::new();
+        let evidence = self.evidence.as_ref().zip(window.evidence.as_ref());
+        for group in groups.into_values() {
+            let weight = evidence.map_or(1.0, |(networks, said)| {
+                let text = group.first().map_or("", |(text, _)| text.as_str());
+                let index = networks.file().index_of(text);
+                drawn.extend(index);
+                said.weight(index)
+            });
+            weighed.push((share(&group) * weight, group));
+        }
+        if let Some((networks, said)) = evidence {
+            for (i, content) in networks.file().contents.iter().enumerate() {
+                if !drawn.contains(&i) && !content.sentences.is_empty() {
+                    let texts = content.sentences.iter().map(|text| (text.clone(), 0));
+                    weighed.push((UNDRAWN * said.weight(Some(i)), texts.collect()));
+                }
+            }
+        }
+        let total: f32 = weighed.iter().map(|(weight, _)| weight).sum();
+        let best = weighed.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+        let (weight, group) = best.unwrap_or_default();
+        (group, weight / total.max(f32::MIN_POSITIVE))
+    }
+
     /// The best of the sentences of the members.
-    fn elect(&self, radar: &[Encoded], candidates: Vec<Sentence>) -> Result<Sentence, LmError> {
+    fn elect(
+        &self,
+        window: &EncodedWindow,
+        candidates: Vec<Sentence>,
+    ) -> Result<Sentence, LmError> {
         if self.is_single() {
             return Ok(most_confident(candidates));
         }
         let texts: BTreeSet<String> = candidates.into_iter().map(|c| c.text).collect();
         let texts: Vec<String> = texts.into_iter().collect();
-        Ok(most_confident(self.scored(radar, texts)?))
+        Ok(most_confident(self.scored(window, texts)?))
     }
 
     /// Texts with their probability by all members.
-    fn scored(&self, radar: &[Encoded], texts: Vec<String>) -> Result<Vec<Sentence>, LmError> {
-        let log_probs = self.mean_log_probs(radar, &texts)?;
+    fn scored(&self, window: &EncodedWindow, texts: Vec<String>) -> Result<Vec<Sentence>, LmError> {
+        let log_probs = self.mean_log_probs(window, &texts)?;
         let mut all = Vec::with_capacity(texts.len());
         for (text, log_prob) in texts.into_iter().zip(log_probs) {
             let n_tokens = self.first().vocab().text_ids(&text)?.len();
@@ -304,27 +402,68 @@ impl Ensemble {
     /// Log-probability of each text for an encoded window, averaged over the members.
     pub(crate) fn mean_log_probs(
         &self,
-        radar: &[Encoded],
+        window: &EncodedWindow,
         texts: &[impl AsRef<str>],
     ) -> Result<Vec<f32>, LmError> {
-        Ok(mean(&self.log_probs(radar, texts)?))
+        Ok(mean(&self.log_probs(window, texts)?))
     }
 
-    /// Probability of each text among all of them for an encoded window, averaged over the members.
+    /// Probability of each text among all of them for an encoded window, averaged over the members, and weighed
+    /// with what the points say by themselves.
     pub(crate) fn probabilities(
         &self,
-        radar: &[Encoded],
+        window: &EncodedWindow,
         texts: &[impl AsRef<str>],
     ) -> Result<Vec<f32>, LmError> {
-        let log_probs = self.log_probs(radar, texts)?;
+        let log_probs = self.log_probs(window, texts)?;
         let members: Vec<Vec<f32>> = log_probs.iter().map(|of| among_each_other(of)).collect();
-        Ok(mean(&members))
+        let mut probabilities = mean(&members);
+        self.weigh_actions(window, texts, &mut probabilities);
+        self.weigh_sides(window, texts, &mut probabilities);
+        Ok(probabilities)
+    }
+
+    /// Multiplies the probabilities of texts by what the points say of their actions.
+    fn weigh_actions(
+        &self,
+        window: &EncodedWindow,
+        texts: &[impl AsRef<str>],
+        probabilities: &mut [f32],
+    ) {
+        if let (Some(networks), Some(said)) = (&self.evidence, &window.evidence) {
+            let weight = |text: &str| said.weight(networks.file().index_of(text));
+            let all: Vec<usize> = (0..texts.len()).collect();
+            weigh(probabilities, &all, |i| weight(texts[i].as_ref()));
+        }
+    }
+
+    /// Multiplies the probabilities of texts by what the points say of their sides. What is probable of texts that state the
+    /// same actions stays the same in all.
+    fn weigh_sides(
+        &self,
+        window: &EncodedWindow,
+        texts: &[impl AsRef<str>],
+        probabilities: &mut [f32],
+    ) {
+        let (Some(networks), Some(said)) = (&self.evidence, &window.evidence) else {
+            return;
+        };
+        let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+        for (i, text) in texts.iter().enumerate() {
+            let actions = actions_stated(text.as_ref());
+            groups.entry(actions).or_default().push(i);
+        }
+        for group in groups.into_values() {
+            weigh(probabilities, &group, |i| {
+                side_weight(networks, &said.values, texts[i].as_ref())
+            });
+        }
     }
 
     /// Log-probability of each text by each member: `[members][texts]`.
     fn log_probs(
         &self,
-        radar: &[Encoded],
+        window: &EncodedWindow,
         texts: &[impl AsRef<str>],
     ) -> Result<Vec<Vec<f32>>, LmError> {
         let of_member = |(member, radar): (&dyn Backend, &Encoded)| {
@@ -336,24 +475,12 @@ impl Ensemble {
             member.score(&prompt(vocab, radar)?, &ids)
         };
         let members = self.members.iter().map(AsRef::as_ref);
-        members.zip(radar).map(of_member).collect()
+        members.zip(&window.members).map(of_member).collect()
     }
 }
 
 /// Sentences, each with the number of its draws.
 type Votes = Vec<(String, usize)>;
-
-/// The sentences with the content that most draws have, and the number of these draws.
-fn most_frequent<K: Ord>(votes: Votes, content: impl Fn(&str) -> K) -> (Votes, usize) {
-    let mut groups: BTreeMap<K, Votes> = BTreeMap::new();
-    for (text, n) in votes {
-        groups.entry(content(&text)).or_default().push((text, n));
-    }
-    let n_votes = |votes: &Votes| votes.iter().map(|(_, n)| n).sum::<usize>();
-    let groups = groups.into_values().map(|votes| (n_votes(&votes), votes));
-    let (n, votes) = groups.max_by_key(|(n, _)| *n).unwrap_or_default();
-    (votes, n)
-}
 
 /// A drawn sentence.
 struct Drawn {
@@ -382,6 +509,43 @@ fn heaviest<K: Ord>(
     let heaviest = groups.max_by(|a, b| a.0.total_cmp(&b.0));
     let (sum, group) = heaviest.unwrap_or_default();
     (group, sum / total.max(f32::MIN_POSITIVE))
+}
+
+impl WindowEvidence {
+    /// How much a content counts; one that the networks do not know counts like chance.
+    fn weight(&self, content: Option<usize>) -> f32 {
+        let chance = 1.0 / self.contents.len().max(1) as f32;
+        let p = content.map_or(chance, |i| self.contents[i]);
+        p.max(MIN_PROBABILITY).powf(TRUST)
+    }
+}
+
+/// Multiplies some of the probabilities by weights. Their sum stays the same.
+fn weigh(probabilities: &mut [f32], some: &[usize], weight: impl Fn(usize) -> f32) {
+    let sum = |of: &[f32]| some.iter().map(|i| of[*i]).sum::<f32>();
+    let before = sum(probabilities);
+    for i in some {
+        probabilities[*i] *= weight(*i);
+    }
+    let after = sum(probabilities);
+    if after > 0.0 {
+        some.iter()
+            .for_each(|i| probabilities[*i] *= before / after);
+    }
+}
+
+/// Probability of the side that a sentence states by what the points say; where that cannot be told, because the sentence
+/// states no side or several, chance.
+fn side_weight(networks: &Evidence, values: &WindowValues, text: &str) -> f32 {
+    let chance = 1.0 / N_SIDES as f32;
+    let Some((action, side)) = only_side(text) else {
+        return chance;
+    };
+    let index = SIDES.iter().position(|s| *s == side);
+    match (index, networks.sides(values, action)) {
+        (Some(index), Some(probabilities)) => probabilities[index],
+        _ => chance,
+    }
 }
 
 /// What each clause states: [`content`].
@@ -453,6 +617,7 @@ mod tests {
 
     use super::super::{Generated, templates};
     use super::*;
+    use crate::evidence::tests as evidence;
     use crate::tokenizer::EncodeError;
 
     const WALKS: &str = "a person walks";
@@ -652,6 +817,80 @@ mod tests {
         let sum = |texts: &[(&str, f32)]| texts.iter().map(|(_, p)| p.exp()).sum::<f32>();
         let expected = sum(&log_probs[1..]) / sum(&log_probs);
         assert!((sentence.side_confidence.unwrap() - expected).abs() < 1e-6);
+    }
+
+    /// An ensemble of one model that draws sentences, the first of them the most probable ones, with networks that say
+    /// "punch", with the left hand, of the points of `punches`.
+    fn weighed(draws: &[&'static str]) -> (Ensemble, EncodedWindow) {
+        let mut file = evidence::file(&["punch", "walk"], &[("punch", false)]);
+        file.contents[0].sentences = vec!["a person punches with the left fist".into()];
+        let model = Ensemble::new(Fixed::drawing(draws)).with_evidence(evidence::networks(file));
+        let frames = evidence::punches(0.3, 1.0);
+        let window = model.encode(&[(&frames, 1.0)]).unwrap().remove(0);
+        (model, window)
+    }
+
+    fn drawn(model: &Ensemble, window: &EncodedWindow, n: usize) -> Sentence {
+        let options = GenerateOptions::default();
+        let windows = std::slice::from_ref(window);
+        let sentences = model.voted(windows, n, &options, &false.into());
+        sentences.unwrap().remove(0)
+    }
+
+    #[test]
+    fn fewer_draws_with_what_the_points_say_are_stated() {
+        const PUNCHES: &str = "a person punches with the left fist";
+        let (model, window) = weighed(&[WALKS, WALKS, PUNCHES]);
+        let said = window.evidence.as_ref().unwrap().contents.clone();
+        let sentence = drawn(&model, &window, 3);
+        assert_eq!(sentence.text, PUNCHES);
+        let (walks, punches) = (2.0 * said[1].sqrt(), said[0].sqrt());
+        let expected = punches / (walks + punches);
+        assert!((sentence.confidence - expected).abs() < 1e-5, "{said:?}");
+        // Without what the points say, most draws decide.
+        let without = EncodedWindow {
+            evidence: None,
+            ..window.clone()
+        };
+        let sentence = drawn(&model, &without, 3);
+        assert_eq!(sentence.text, WALKS);
+        assert!((sentence.confidence - 2.0 / 3.0).abs() < 1e-6);
+        // Readings of a window are weighed, too.
+        let texts = [WALKS, PUNCHES];
+        let of = |window| model.probabilities(window, &texts).unwrap();
+        let (with, without) = (of(&window), of(&without));
+        assert!(with[1] > without[1]);
+        assert!((with.iter().sum::<f32>() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_nobody_drew_counts_as_one_draw() {
+        let (model, window) = weighed(&[WALKS, "a person punches with the left fist"]);
+        // All draws walk; the points would have to be a thousand times as sure of punches.
+        let sentence = drawn(&model, &window, 1);
+        assert_eq!(sentence.text, WALKS);
+        let said = window.evidence.as_ref().unwrap().contents.clone();
+        let (walks, punches) = (said[1].sqrt(), UNDRAWN * said[0].sqrt());
+        assert!((sentence.confidence - walks / (walks + punches)).abs() < 1e-5);
+        let mut sure = window;
+        sure.evidence.as_mut().unwrap().contents = vec![1.0, 0.0];
+        let sentence = drawn(&model, &sure, 1);
+        assert_eq!(sentence.text, "a person punches with the left fist");
+    }
+
+    #[test]
+    fn the_side_that_the_points_say_is_stated() {
+        const LEFT: &str = "a person punches with the left fist";
+        const RIGHT: &str = "a person punches with the right fist";
+        let (model, window) = weighed(&[RIGHT, LEFT]);
+        let sentence = drawn(&model, &window, 2);
+        assert_eq!(sentence.text, LEFT);
+        assert!(sentence.side_confidence.unwrap() > 0.5);
+        let without = EncodedWindow {
+            evidence: None,
+            ..window
+        };
+        assert_eq!(drawn(&model, &without, 2).text, RIGHT);
     }
 
     #[test]

@@ -7,10 +7,10 @@ use radarllm_base::{Clip, PointFrame};
 
 use super::captioner::{Abstained, DescribeOptions, Description, NO_PERSON, Segment, actions};
 use super::consensus::{self, Sentences, WindowReadings};
-use super::ensemble::Sentence;
+use super::ensemble::{EncodedWindow, Sentence};
 use super::person_gate::{median_points, points_stay_together};
 use crate::prepare::FRAME_RATE_HZ;
-use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
+use crate::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES};
 
 /// First frame of a window, and the frame after its last one.
 pub(super) type Span = (usize, usize);
@@ -27,8 +27,8 @@ const MIN_SETTLED: f32 = 0.5;
 /// What the networks made of one window.
 pub(super) struct WindowCaption {
     pub span: Span,
-    /// Codes and features by each member of the ensemble; empty once they are not needed any more.
-    pub radar: Vec<Encoded>,
+    /// What the members of the ensemble read; empty once it is not needed any more.
+    pub radar: EncodedWindow,
     pub sentence: Sentence,
     /// The clauses of the sentence that state something, as sentences.
     pub clauses: Vec<String>,
@@ -37,13 +37,14 @@ pub(super) struct WindowCaption {
 }
 
 impl WindowCaption {
-    pub(super) fn new(span: Span, radar: Vec<Encoded>, sentence: Sentence) -> Self {
+    pub(super) fn new(span: Span, radar: EncodedWindow, sentence: Sentence) -> Self {
         let clauses = radarllm_facts::parse(&sentence.text);
         let stating = clauses.iter().filter(|c| !c.text.is_empty());
         Self {
             span,
             clauses: stating.map(|c| c.sentence()).collect(),
             codes: radar
+                .members
                 .first()
                 .map_or(Vec::new(), |radar| radar.codes.clone()),
             radar,
@@ -381,7 +382,7 @@ mod tests {
                     confidence,
                     side_confidence: None,
                 };
-                WindowCaption::new(span, Vec::new(), sentence)
+                WindowCaption::new(span, EncodedWindow::default(), sentence)
             };
             captions.add(spans.into_iter().map(caption).collect());
             // What is complete is not described later.

@@ -152,7 +152,7 @@ fn main_rate_hz(values: &[f32], min_deviation: f32) -> Option<(f32, f32)> {
 }
 
 /// Values minus the straight line that fits them best.
-fn without_trend(values: &[f32]) -> Vec<f32> {
+pub(crate) fn without_trend(values: &[f32]) -> Vec<f32> {
     let n = values.len() as f32;
     let mean = values.iter().sum::<f32>() / n.max(1.0);
     let time = |i: usize| i as f32 - (n - 1.0) / 2.0;
@@ -167,7 +167,7 @@ fn without_trend(values: &[f32]) -> Vec<f32> {
 }
 
 /// Power of a series at one rate.
-fn power(values: &[f32], rate_hz: f32) -> f32 {
+pub(crate) fn power(values: &[f32], rate_hz: f32) -> f32 {
     let (sin, cos) = (2.0 * PI * rate_hz * FRAME_PERIOD_S).sin_cos();
     let (mut re, mut im, mut phase) = (0.0f32, 0.0f32, (1.0f32, 0.0f32));
     for v in values {

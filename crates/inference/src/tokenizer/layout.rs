@@ -89,7 +89,7 @@ const N_PATHS: usize = 3;
 const BAND: [Kind; 4] = [Kind::Offset, Kind::Offset, Kind::Offset, Kind::Speed];
 
 /// Number of layout values.
-pub(super) const N_LAYOUT: usize =
+pub(crate) const N_LAYOUT: usize =
     N_OFFSETS + N_PATHS + 1 + BANDS.len() * BAND.len() + HEIGHTS.len();
 /// What each layout value is. Models of earlier versions are told the first ones.
 const KINDS: [Kind; N_LAYOUT] = kinds();
@@ -126,30 +126,46 @@ const fn first_token(value: usize) -> usize {
 
 /// Tokens below [`N_LAYOUT_TOKENS`] of frames at ten per second, each value at its own place.
 pub(super) fn layout(frames: &[PointFrame]) -> [usize; N_LAYOUT] {
-    let values = values(frames);
+    let values = values(frames.len(), Body::of(frames).as_ref());
     std::array::from_fn(|i| first_token(i) + KINDS[i].bin(values[i]))
 }
 
 /// A point and its offset from the middle of the body at that time: across the line of sight, to the right, and along it.
-struct Placed<'a> {
-    across_m: f32,
-    along_m: f32,
-    point: &'a RadarPoint,
+pub(crate) struct Placed<'a> {
+    pub(crate) across_m: f32,
+    pub(crate) along_m: f32,
+    pub(crate) point: &'a RadarPoint,
 }
 
-/// The layout values of frames; without points, zeros but for the duration.
-fn values(frames: &[PointFrame]) -> [f32; N_LAYOUT] {
+/// Where the points of frames are in the person.
+pub(crate) struct Body<'a> {
+    /// Middle of the body in each frame, x and y, m.
+    middles: Vec<[f32; 2]>,
+    /// All points, sorted by height.
+    pub(crate) points: Vec<Placed<'a>>,
+}
+
+impl<'a> Body<'a> {
+    /// `None` without points.
+    pub(crate) fn of(frames: &'a [PointFrame]) -> Option<Self> {
+        let middles = middles(frames)?;
+        let mut points = placed(frames, &middles);
+        points.sort_by(|a, b| a.point.z_m.total_cmp(&b.point.z_m));
+        Some(Self { middles, points })
+    }
+}
+
+/// The layout values of a number of frames; without points, zeros but for the duration.
+pub(crate) fn values(n_frames: usize, body: Option<&Body>) -> [f32; N_LAYOUT] {
     let mut values = [0.0; N_LAYOUT];
     let (offsets, rest) = values.split_at_mut(N_OFFSETS);
     let (paths, rest) = rest.split_at_mut(N_PATHS);
     let (duration, rest) = rest.split_at_mut(1);
     let (bands, heights) = rest.split_at_mut(BANDS.len() * BAND.len());
-    duration[0] = frames.len() as f32 * FRAME_PERIOD_S;
-    if let Some(middles) = middles(frames) {
-        let mut points = placed(frames, &middles);
-        points.sort_by(|a, b| a.point.z_m.total_cmp(&b.point.z_m));
-        offsets.copy_from_slice(&offsets_m(&points));
-        paths.copy_from_slice(&paths_m(&middles));
+    duration[0] = n_frames as f32 * FRAME_PERIOD_S;
+    if let Some(Body { middles, points }) = body {
+        offsets.copy_from_slice(&offsets_m(points));
+        paths.copy_from_slice(&paths_m(middles));
         for (values, [from, to]) in bands.chunks_exact_mut(BAND.len()).zip(BANDS) {
             let index = |share: f32| (share * points.len() as f32) as usize;
             values.copy_from_slice(&band(&points[index(from)..index(to).min(points.len())]));
@@ -283,6 +299,10 @@ mod tests {
     use super::*;
     use radarllm_base::random::SplitMix64;
 
+    fn values_of(frames: &[PointFrame]) -> [f32; N_LAYOUT] {
+        values(frames.len(), Body::of(frames).as_ref())
+    }
+
     /// A body of 0.4 m at 3 m, and a hand beside and above it that moves.
     fn gesture(hand_m: f32) -> Vec<PointFrame> {
         let mut rng = SplitMix64::new(3);
@@ -365,7 +385,7 @@ mod tests {
             ..PointFrame::default()
         };
         let frames: Vec<PointFrame> = (0..60).map(walk).collect();
-        let values = values(&frames);
+        let values = values_of(&frames);
         let (offsets_m, paths_m) = values.split_at(N_OFFSETS);
         assert!((paths_m[0] - 2.0).abs() < 0.1, "{values:?}");
         assert!((paths_m[1] + 1.2).abs() < 0.1, "{values:?}");
@@ -382,7 +402,7 @@ mod tests {
         for p in aside.iter_mut().flat_map(|f| &mut f.points) {
             (p.x_m, p.y_m) = (p.x_m * cos + p.y_m * sin, p.y_m * cos - p.x_m * sin);
         }
-        let (a, b) = (values(&ahead), values(&aside));
+        let (a, b) = (values_of(&ahead), values_of(&aside));
         for i in (0..N_OFFSETS).chain(N_OFFSETS + N_PATHS..N_LAYOUT) {
             assert!((a[i] - b[i]).abs() < 0.05, "{i}: {} {}", a[i], b[i]);
         }
@@ -390,7 +410,7 @@ mod tests {
 
     #[test]
     fn bands_state_where_their_points_are() {
-        let values = values(&gesture(0.35));
+        let values = values_of(&gesture(0.35));
         let bands = &values[N_OFFSETS + N_PATHS + 1..];
         // The points of the hand are the highest fifth.
         let [legs, head] = [0, 3].map(|b| &bands[b * BAND.len()..][..BAND.len()]);

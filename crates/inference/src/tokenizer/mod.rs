@@ -14,7 +14,7 @@ pub mod context;
 pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;
-mod layout;
+pub(crate) mod layout;
 pub mod nearest;
 pub mod points;
 pub mod residual;

@@ -6,6 +6,7 @@ use radarllm_dataset::record::Split;
 use radarllm_facts::{Facts, facts, score::compare};
 use radarllm_motions::{
     BuiltinRequest, PeopleRequest, once_request, pair_request, people_request, random_request,
+    side_request,
 };
 use serde::{Deserialize, Serialize};
 
@@ -66,6 +67,8 @@ pub enum Draw {
     Once,
     /// Two motions in sequence: [`pair_request`].
     Pairs,
+    /// One motion of the left, the right or both sides, each equally often: [`side_request`].
+    Sides,
 }
 
 impl Draw {
@@ -106,6 +109,7 @@ impl ProceduralCorpus {
                     Draw::People => format!("people{seed}-{prefix}-{i:06}"),
                     Draw::Once => format!("once{seed}-{prefix}-{i:06}"),
                     Draw::Pairs => format!("pairs{seed}-{prefix}-{i:06}"),
+                    Draw::Sides => format!("sides{seed}-{prefix}-{i:06}"),
                 };
                 let held_out = match split {
                     Split::Test => &[][..],
@@ -156,6 +160,7 @@ fn draw(how: Draw, id: &str, seed: u64, held_out: &[Facts]) -> Option<(PeopleReq
             Draw::People => people_request(item_seed),
             Draw::Once => not_continuous(once_request(item_seed)),
             Draw::Pairs => not_continuous(pair_request(item_seed)),
+            Draw::Sides => side_request(item_seed),
         };
         let is_held_out = !held_out.is_empty()
             && drawn.request.captions(item_seed).iter().any(|text| {

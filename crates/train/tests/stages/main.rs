@@ -7,6 +7,7 @@
     reason = "a test"
 )]
 
+mod evidence;
 mod pose;
 mod synthetic;
 

@@ -84,8 +84,8 @@ fn members(model: &Path, out: &Path) -> impl Iterator<Item = (PathBuf, PathBuf)>
 fn pack(model: &Path, out: &Path) -> CliResult {
     output::check_free(out, false)?;
     for (member, out) in members(model, out) {
-        // The decoder of radar tokens is no part of a member, because describing does without.
-        for part in Member::PARTS.into_iter().chain(["points"]) {
+        // The decoder of radar tokens and the networks that weigh sentences are no parts of a member.
+        for part in Member::PARTS.into_iter().chain(["points", "evidence"]) {
             let folder = member.join(part);
             if !folder.is_dir() {
                 continue;
@@ -93,7 +93,7 @@ fn pack(model: &Path, out: &Path) -> CliResult {
             let checkpoint = Checkpoint::open(&folder)?;
             let weights: Option<String> = match part {
                 "lm" => Some(LmFiles::of(Checkpoint::open(&folder)?)?.card.weights),
-                "points" => Some(MODEL_FILE.to_string()),
+                "points" | "evidence" => Some(MODEL_FILE.to_string()),
                 _ => None,
             };
             let mut files = CheckpointFiles::default();

@@ -35,9 +35,11 @@ pub(crate) enum Stage {
     Instruct,
     /// The decoder of radar codes, which `radarllm generate` needs.
     Points,
+    /// The networks that weigh what is said by what the points say by themselves.
+    Evidence,
     /// The estimator of body pose from points (mmMesh's network), for comparison systems.
     Pose,
-    /// Every stage in order; `points` and `pose` only if the configuration has tables [points] and [pose].
+    /// Every stage in order; `points`, `evidence` and `pose` only if the configuration has a table of that name.
     All,
 }
 

@@ -47,6 +47,7 @@ pub(crate) fn run(args: &TrainArgs) -> CliResult {
         Stage::Pretrain => vec![RecipeStage::Pretrain],
         Stage::Instruct => vec![RecipeStage::Instruct],
         Stage::Points => vec![RecipeStage::Points],
+        Stage::Evidence => vec![RecipeStage::Evidence],
         Stage::Pose => vec![RecipeStage::Pose],
         Stage::All => recipe.stages(),
     };
