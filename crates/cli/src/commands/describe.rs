@@ -314,7 +314,7 @@ pub(crate) fn print_row(row: &Row, detail: Detail) {
         };
         output::print_line(&format!("    {}{remark}", row.caption));
     } else {
-        row.segments.iter().for_each(print_segment);
+        row.segments.iter().for_each(|s| print_segment(s, detail));
     }
     for choice in &row.choices {
         output::print_line(&format!(
@@ -334,15 +334,20 @@ pub(crate) fn print_row(row: &Row, detail: Detail) {
     }
 }
 
-fn print_segment(s: &Segment) {
-    let why = match (&s.taught, &s.guess) {
-        (Some(_), _) => ", taught".into(),
-        (None, Some(guess)) => format!(", perhaps {guess}"),
-        (None, None) => String::new(),
+/// A segment with the confidence of its sentence. What was withheld is printed only with all detail, and its confidence with
+/// it: of such guesses on unknown boards, hardly any is right (docs/results/boards.md).
+fn print_segment(s: &Segment, detail: Detail) {
+    let remark = match (&s.taught, &s.guess) {
+        (Some(_), _) => format!(" ({:.2}, taught)", s.confidence),
+        (None, Some(guess)) if detail == Detail::All => {
+            format!(" ({:.2}, perhaps {guess})", s.confidence)
+        }
+        (None, Some(_)) => String::new(),
+        (None, None) => format!(" ({:.2})", s.confidence),
     };
     output::print_line(&format!(
-        "    {:6.1} s to {:5.1} s  {} ({:.2}{why})",
-        s.start_s, s.end_s, s.caption, s.confidence
+        "    {:6.1} s to {:5.1} s  {}{remark}",
+        s.start_s, s.end_s, s.caption
     ));
 }
 
