@@ -3,10 +3,9 @@
 
 use radarllm_base::PointFrame;
 use radarllm_base::series::interpolated;
-use radarllm_base::stats::quantile_nearest;
 
 use crate::tokenizer::context::{power, without_trend};
-use crate::tokenizer::layout::{Body, N_LAYOUT, Placed, values as layout_values};
+use crate::tokenizer::layout::{Body, N_LAYOUT, Placed, quantile, values as layout_values};
 
 /// Shares of the points, sorted by height, between which are the legs, and all above.
 const PARTS: [[f32; 2]; 2] = [[0.0, 0.35], [0.35, 1.0]];
@@ -229,11 +228,6 @@ fn index(share: f32, n: usize) -> usize {
 
 fn mean(values: &[f32]) -> f32 {
     values.iter().sum::<f32>() / values.len().max(1) as f32
-}
-
-/// The value below which a share of the values is; 0 without values.
-fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
-    quantile_nearest(values, share).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -290,7 +290,7 @@ fn middles(frames: &[PointFrame]) -> Option<Vec<[f32; 2]>> {
 }
 
 /// The value below which a share of the values is; 0 without values.
-fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
+pub(crate) fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
     quantile_nearest(values, share).unwrap_or(0.0)
 }
 
