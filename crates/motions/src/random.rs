@@ -80,19 +80,11 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
             true => text,
             false => text.and_then(|t| with_pauses(t, &mut dice)),
         };
-        if let Some(request) = text.and_then(|t| parse(&t).ok())
-            && (is_continuous || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
-        {
-            return PeopleRequest {
-                request,
-                is_continuous,
-            };
+        if let Some(request) = text.and_then(|t| PeopleRequest::that_fits(&t, is_continuous)) {
+            return request;
         }
     }
-    PeopleRequest {
-        request: random_request(rng_seed),
-        is_continuous: false,
-    }
+    PeopleRequest::once(random_request(rng_seed))
 }
 
 /// Draws a short motion that people make once, such as raising a hand, a third of them with pauses before and after. Of
@@ -117,8 +109,8 @@ pub fn pair_request(rng_seed: u64) -> BuiltinRequest {
 }
 
 /// Draws one motion of a hand, an arm or a leg, or of both of them: every kind of motion and every side equally often, with
-/// the pace and size of people's own motions, many of them repeated for longer than a window or with
-/// pauses before and after.
+/// the pace and size of people's own motions, many of them repeated for longer than a window or with pauses before and
+/// after.
 pub fn side_request(rng_seed: u64) -> PeopleRequest {
     let mut dice = Dice::new(rng_seed, "side");
     let is_repeated = dice.chance(SIDES_GO_ON);
@@ -131,19 +123,11 @@ pub fn side_request(rng_seed: u64) -> PeopleRequest {
             true => with_pauses(text, &mut dice),
             false => Some(text),
         };
-        if let Some(request) = text.and_then(|t| parse(&t).ok())
-            && (is_continuous || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
-        {
-            return PeopleRequest {
-                request,
-                is_continuous,
-            };
+        if let Some(request) = text.and_then(|t| PeopleRequest::that_fits(&t, is_continuous)) {
+            return request;
         }
     }
-    PeopleRequest {
-        request: random_request(rng_seed),
-        is_continuous: false,
-    }
+    PeopleRequest::once(random_request(rng_seed))
 }
 
 /// A motion of one side or of both, and whether it is continuous.
@@ -195,6 +179,26 @@ pub struct PeopleRequest {
     pub request: BuiltinRequest,
     /// Whether it repeats one action for longer than any window, so that any part of it shows the action.
     pub is_continuous: bool,
+}
+
+impl PeopleRequest {
+    /// A motion that is not continuous.
+    fn once(request: BuiltinRequest) -> Self {
+        Self {
+            request,
+            is_continuous: false,
+        }
+    }
+
+    /// The motion of a text; `None` if it is not valid, or longer than a window and not continuous.
+    fn that_fits(text: &str, is_continuous: bool) -> Option<Self> {
+        let request = parse(text).ok()?;
+        let fits = request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S;
+        (is_continuous || fits).then_some(Self {
+            request,
+            is_continuous,
+        })
+    }
 }
 
 /// Repetitions of a continuous motion. Captions count to twelve and say "many times" above.

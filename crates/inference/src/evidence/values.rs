@@ -4,7 +4,7 @@
 use radarllm_base::PointFrame;
 use radarllm_base::series::interpolated;
 
-use crate::tokenizer::context::{power, without_trend};
+use crate::tokenizer::context::{self, power, without_trend};
 use crate::tokenizer::layout::{Body, N_LAYOUT, Placed, quantile, values as layout_values};
 
 /// Shares of the points, sorted by height, between which are the legs, and all above.
@@ -156,7 +156,8 @@ fn unsided(frames: &[PointFrame], radar_height_m: f32) -> Vec<f32> {
     all
 }
 
-/// The series of frames. Frames without points have heights and ranges between those of their neighbours, and no speed.
+/// The series of frames. Frames without points have heights, ranges and velocities between those of their neighbours, and no
+/// speed.
 fn series(frames: &[PointFrame], radar_height_m: f32) -> [Vec<f32>; N_SERIES] {
     let of = |value: &dyn Fn(&PointFrame) -> f32| -> Vec<f32> {
         let values = frames.iter().map(|f| match f.points.is_empty() {
@@ -166,30 +167,21 @@ fn series(frames: &[PointFrame], radar_height_m: f32) -> [Vec<f32>; N_SERIES] {
         let filled = interpolated(&values.collect::<Vec<_>>());
         filled.into_iter().map(|v| v as f32).collect()
     };
-    let mean_of = |f: &PointFrame, value: fn(&radarllm_base::RadarPoint) -> f32| {
-        f.points.iter().map(value).sum::<f32>() / f.points.len() as f32
-    };
-    let speeds = |f: &PointFrame| {
-        f.points
-            .iter()
-            .map(|p| p.velocity_mps.abs())
-            .collect::<Vec<_>>()
+    let velocity = |f: &PointFrame| {
+        f.points.iter().map(|p| p.velocity_mps).sum::<f32>() / f.points.len() as f32
     };
     let highest =
         |f: &PointFrame| radar_height_m + quantile(f.points.iter().map(|p| p.z_m), HIGHEST);
+    let fastest = |f: &PointFrame| quantile(f.points.iter().map(|p| p.velocity_mps.abs()), FASTEST);
+    // The context's mean velocity is 0 where there are no points.
+    let [counts, heights, ranges, _] = context::series(frames);
     [
-        frames
-            .iter()
-            .map(|f| (f.points.len() as f32).ln_1p())
-            .collect(),
-        of(&|f| mean_of(f, |p| p.z_m)),
-        of(&|f| mean_of(f, |p| p.range_m)),
-        of(&|f| mean_of(f, |p| p.velocity_mps)),
+        counts,
+        heights,
+        ranges,
+        of(&velocity),
         of(&highest),
-        frames
-            .iter()
-            .map(|f| quantile(speeds(f).into_iter(), FASTEST))
-            .collect(),
+        frames.iter().map(fastest).collect(),
     ]
 }
 

@@ -18,7 +18,7 @@ use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::evidence::{Evidence, N_SIDES, SIDES, WindowValues, only_side};
+use crate::evidence::{Content, Evidence, N_SIDES, SIDES, WindowValues, only_side};
 use crate::tokenizer::{Encoded, context::context, encode::TokenizerFile};
 
 /// Power of what the points say by themselves about actions, beside the share of draws: chosen among 0.5, 1 and 1.5 on
@@ -356,17 +356,29 @@ impl Ensemble {
             });
             weighed.push((share(&group) * weight, group));
         }
-        if let Some((networks, said)) = evidence {
-            for (i, content) in networks.file().contents.iter().enumerate() {
-                if !drawn.contains(&i) && !content.sentences.is_empty() {
-                    let texts = content.sentences.iter().map(|text| (text.clone(), 0));
-                    weighed.push((UNDRAWN * said.weight(Some(i)), texts.collect()));
-                }
-            }
+        let undrawn: Vec<(f32, &Content)> = evidence.map_or(Vec::new(), |(networks, said)| {
+            let contents = networks.file().contents.iter().enumerate();
+            let can_be = contents.filter(|(i, c)| !drawn.contains(i) && !c.sentences.is_empty());
+            can_be
+                .map(|(i, content)| (UNDRAWN * said.weight(Some(i)), content))
+                .collect()
+        });
+        let weights = weighed.iter().map(|(weight, _)| weight);
+        let total: f32 = weights
+            .chain(undrawn.iter().map(|(weight, _)| weight))
+            .sum();
+        let by_weight = |a: &f32, b: &f32| a.total_cmp(b);
+        let best = weighed.into_iter().max_by(|a, b| by_weight(&a.0, &b.0));
+        let (mut weight, mut group) = best.unwrap_or_default();
+        let best_undrawn = undrawn.into_iter().max_by(|a, b| by_weight(&a.0, &b.0));
+        if let Some((own, content)) = best_undrawn.filter(|(own, _)| *own >= weight) {
+            weight = own;
+            group = content
+                .sentences
+                .iter()
+                .map(|text| (text.clone(), 0))
+                .collect();
         }
-        let total: f32 = weighed.iter().map(|(weight, _)| weight).sum();
-        let best = weighed.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        let (weight, group) = best.unwrap_or_default();
         (group, weight / total.max(f32::MIN_POSITIVE))
     }
 
@@ -453,9 +465,20 @@ impl Ensemble {
             let actions = actions_stated(text.as_ref());
             groups.entry(actions).or_default().push(i);
         }
+        // Most texts state the same action, whose sides are computed once.
+        let mut known = BTreeMap::new();
+        let mut weight = |text: &str| {
+            let (action, side) = only_side(text)?;
+            let sides = || networks.sides(&said.values, action);
+            let probabilities = (*known.entry(action).or_insert_with(sides))?;
+            let index = SIDES.iter().position(|s| *s == side)?;
+            Some(probabilities[index])
+        };
+        // Where a side cannot be told, because a text states none or several, it counts like chance.
+        let chance = 1.0 / N_SIDES as f32;
         for group in groups.into_values() {
             weigh(probabilities, &group, |i| {
-                side_weight(networks, &said.values, texts[i].as_ref())
+                weight(texts[i].as_ref()).unwrap_or(chance)
             });
         }
     }
@@ -521,7 +544,7 @@ impl WindowEvidence {
 }
 
 /// Multiplies some of the probabilities by weights. Their sum stays the same.
-fn weigh(probabilities: &mut [f32], some: &[usize], weight: impl Fn(usize) -> f32) {
+fn weigh(probabilities: &mut [f32], some: &[usize], mut weight: impl FnMut(usize) -> f32) {
     let sum = |of: &[f32]| some.iter().map(|i| of[*i]).sum::<f32>();
     let before = sum(probabilities);
     for i in some {
@@ -531,20 +554,6 @@ fn weigh(probabilities: &mut [f32], some: &[usize], weight: impl Fn(usize) -> f3
     if after > 0.0 {
         some.iter()
             .for_each(|i| probabilities[*i] *= before / after);
-    }
-}
-
-/// Probability of the side that a sentence states by what the points say; where that cannot be told, because the sentence
-/// states no side or several, chance.
-fn side_weight(networks: &Evidence, values: &WindowValues, text: &str) -> f32 {
-    let chance = 1.0 / N_SIDES as f32;
-    let Some((action, side)) = only_side(text) else {
-        return chance;
-    };
-    let index = SIDES.iter().position(|s| *s == side);
-    match (index, networks.sides(values, action)) {
-        (Some(index), Some(probabilities)) => probabilities[index],
-        _ => chance,
     }
 }
 

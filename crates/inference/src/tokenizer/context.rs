@@ -85,7 +85,7 @@ pub(super) fn bin(value: f32, edges: &[f32]) -> usize {
 }
 
 /// The time series. Frames without points have velocity 0 and the height and range between those of their neighbours.
-fn series(frames: &[PointFrame]) -> [Vec<f32>; N_SERIES] {
+pub(crate) fn series(frames: &[PointFrame]) -> [Vec<f32>; N_SERIES] {
     // NaN without points.
     let means = |of: fn(&RadarPoint) -> f32| {
         let mean =
