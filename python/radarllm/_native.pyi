@@ -69,7 +69,7 @@ class Points:
         synthetic: bool | None = None,
         source: str | None = None,
         seed: int | None = None,
-        radar_height_m: float = 1.0,
+        radar_height_m: float | None = None,
         times_s: Sequence[float] | NDArray[np.float64] | None = None,
     ) -> Points: ...
     @staticmethod
@@ -90,6 +90,8 @@ class Points:
     def frame_rate_hz(self) -> float: ...
     @property
     def radar_height_m(self) -> float: ...
+    @property
+    def tracks(self) -> dict[str, NDArray[Any]]: ...
     @property
     def source(self) -> str: ...
     @property
@@ -402,7 +404,7 @@ def process(
     synthetic: bool | None = None,
     source: str | None = None,
     seed: int | None = None,
-    radar_height_m: float = 1.0,
+    radar_height_m: float | None = None,
 ) -> Points: ...
 def people(points: Points, *, max_people: int | None = None, remove_ghosts: bool = False) -> list[Person]: ...
 def score(

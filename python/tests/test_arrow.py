@@ -78,3 +78,16 @@ def test_polars_reads_points(walk):
     np.testing.assert_array_equal(frame["velocity_mps"].to_numpy(), walk["velocity_mps"])
     again = rl.Points.from_arrow(frame, radar=walk.radar, frame_rate_hz=10, synthetic=True)
     np.testing.assert_array_equal(again["velocity_mps"], walk["velocity_mps"])
+
+
+def test_tracks_of_the_board_return_from_tables(tmp_path):
+    path = tmp_path / "tracked.csv"
+    path.write_text("Frame_count,tid,posy,posz,vely,velz,pointy0,pointz0,snr0\n1,4,2.5,-0.5,0,0,2.4,-0.6,16\n2,4,2.5,-0.6,0,0,,,\n")
+    points = rl.open_capture(path, frame_rate_hz=10).points()
+    table = pa.table(points)
+    assert table.num_rows == 2 and table["x_m"].null_count == 1
+    assert [len(tracks) for tracks in table["board_tracks"].to_pylist()] == [1, 1]
+    assert rl.Points.from_arrow(table) == points
+    large = table["board_tracks"].cast(pa.large_list(table.schema.field("board_tracks").type.value_type))
+    position = table.column_names.index("board_tracks")
+    assert rl.Points.from_arrow(table.set_column(position, "board_tracks", large)) == points

@@ -237,3 +237,31 @@ def test_the_page_is_inline(walk, model):
         # The page cannot leave its attribute.
         assert inline.count('"') == 6
     assert model.describe(walk).caption in model.describe(walk).to_html()
+
+
+TRACKED = """Session_ID,Recording_Number,Frame_count,tid,posy,posz,vely,velz,pointy0,pointz0,snr0,pointy1,pointz1,snr1
+7,1,65,0,2.5,-0.5,0.1,-1.2,2.4,-0.6,16.5,2.6,-0.4,12
+7,1,66,0,2.5,-0.6,0.1,-1.3,,,,,,
+7,1,66,1,4,0.3,0,0,,,,,,
+7,1,67,0,2.5,-0.7,0.1,0,2.4,-0.6,16.5,,,
+"""
+
+
+def test_tracks_of_the_board_are_kept(tmp_path, walk):
+    path = tmp_path / "tracked.csv"
+    path.write_text(TRACKED)
+    points = rl.open_capture(path, frame_rate_hz=10).points()
+    # The second frame has two tracks and no point.
+    assert len(points) == 3 and points.n_points == 3 and len(points["x_m"]) == 3
+    assert list(points.offsets) == [0, 2, 2, 3]
+    tracks = points.tracks
+    assert tracks["frame"].tolist() == [0, 1, 1, 2] and tracks["id"].tolist() == [0, 0, 1, 0]
+    np.testing.assert_allclose(tracks["y_m"], [2.5, 2.5, 4.0, 2.5])
+    np.testing.assert_allclose(tracks["z_m"], [-0.5, -0.6, 0.3, -0.7], rtol=1e-6)
+    np.testing.assert_allclose(tracks["vz_mps"], [-1.2, -1.3, 0.0, 0.0], rtol=1e-6)
+    points.write(tmp_path / "tracked.parquet")
+    again = rl.Points.read(tmp_path / "tracked.parquet")
+    assert again == points and pickle.loads(pickle.dumps(points)) == points
+    for name, values in tracks.items():
+        np.testing.assert_array_equal(again.tracks[name], values)
+    assert all(len(values) == 0 for values in walk.tracks.values())

@@ -37,6 +37,8 @@ pub struct Clip {
     pub frame_rate_hz: f64,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
+    /// Whether no source states this height, so that it is a usual one. Postures and falls are told by heights.
+    pub is_height_assumed: bool,
     /// Name of the radar; `unknown` if no source specifies it.
     pub radar: String,
     /// Where the points come from.
@@ -52,6 +54,8 @@ pub struct SourceInfo {
     pub radar: String,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
+    /// Whether no source states this height, so that it is a usual one.
+    pub is_height_assumed: bool,
     /// Time between two frames, s.
     pub frame_period_s: f64,
     /// Whether static clutter may still be among the points.
@@ -80,6 +84,7 @@ impl Clip {
             frames,
             frame_rate_hz: self.frame_rate_hz,
             radar_height_m: self.radar_height_m,
+            is_height_assumed: self.is_height_assumed,
             radar: self.radar.clone(),
             provenance: self.provenance.clone(),
             clutter: self.clutter,
@@ -91,6 +96,7 @@ impl Clip {
         SourceInfo {
             radar: self.radar.clone(),
             radar_height_m: self.radar_height_m,
+            is_height_assumed: self.is_height_assumed,
             frame_period_s: 1.0 / self.frame_rate_hz,
             clutter: self.clutter,
             provenance: self.provenance.clone(),
@@ -330,6 +336,7 @@ mod tests {
             }],
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "unknown".into(),
             provenance: Provenance::recorded("csv", "room.csv"),
             clutter: Clutter::Unchecked,

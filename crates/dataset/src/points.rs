@@ -1,6 +1,6 @@
 //! Points of one recording or simulation in memory, as a points file holds them.
 
-use radarllm_base::{Clip, PointFrame};
+use radarllm_base::{Clip, PointFrame, Provenance};
 
 /// Properties of a whole points file, stored as key-value metadata under the field names.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,11 +27,26 @@ impl PointsMeta {
             source: clip.provenance.to_string(),
             seed: clip.provenance.seed(),
             version: env!("CARGO_PKG_VERSION").into(),
-            radar_height_m: Some(clip.radar_height_m),
+            radar_height_m: (!clip.is_height_assumed).then_some(clip.radar_height_m),
             frame_rate_hz: clip.frame_rate_hz,
         }
     }
+
+    /// Whether frames of this source can have a report of their board
+    /// ([`BoardReport`](radarllm_base::BoardReport)): it was recorded in a format that has them.
+    pub fn board_can_report(&self) -> bool {
+        let Ok(provenance) = self.source.parse::<Provenance>();
+        match provenance {
+            Provenance::Recorded { format, .. } => {
+                format.is_some_and(|format| FORMATS_WITH_REPORTS.contains(&format.as_str()))
+            }
+            _ => false,
+        }
+    }
 }
+
+/// Names of the formats in which the firmware of a board states more than points.
+const FORMATS_WITH_REPORTS: [&str; 3] = ["uart", "visualizer-json", "track-csv"];
 
 /// A points file in memory.
 #[derive(Clone, Debug, PartialEq)]

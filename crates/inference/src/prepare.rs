@@ -283,6 +283,7 @@ mod tests {
             frames: (0..frame_rate_hz as u32).map(frame).collect(),
             frame_rate_hz,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "unknown".into(),
             provenance,
             clutter: Clutter::Unchecked,

@@ -72,7 +72,8 @@ pub fn open_points(
         };
         return UartStream::open(capture, &options)?.read_all();
     }
-    let format = detected.format;
+    // MATLAB files of MARS are recordings of its board, as its tables are.
+    let mut format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
     let mut warnings = Vec::new();
     options.check_for_format(format)?;
@@ -136,6 +137,9 @@ pub fn open_points(
             let recording =
                 read_matlab_points(&capture.bytes()?).map_err(|e| Error::wrap_in_file(path, e))?;
             notes.extend(recording.notes);
+            if recording.is_mars {
+                format = RecordingFormat::Mars;
+            }
             recording.frames
         }
         RecordingFormat::VisualizerBinary => {

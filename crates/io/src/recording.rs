@@ -85,19 +85,17 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
     } = open_points(opened, options.radar.as_ref(), &options.points)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
     let mut clutter = options.points.clutter();
-    let mut points = timeline.frames.iter().flat_map(|f| &f.points);
-    if points.all(|p| p.velocity_mps == 0.0) {
+    if !have_speeds(&timeline.frames) {
         notes.push(NO_SPEEDS.into());
         clutter = Clutter::Settled;
     }
+    let height_m = options.radar_height_m.or(radar_height_m);
     Ok(Recording {
         clip: Clip {
             frames: timeline.frames,
             frame_rate_hz: timeline.frame_rate_hz,
-            radar_height_m: options
-                .radar_height_m
-                .or(radar_height_m)
-                .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: height_m.is_none(),
             radar,
             provenance,
             clutter,
@@ -105,6 +103,12 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
         notes,
         warnings,
     })
+}
+
+/// Whether a point has a speed. Where none has, none is known to be static.
+fn have_speeds(frames: &[PointFrame]) -> bool {
+    let mut points = frames.iter().flat_map(|f| &f.points);
+    points.any(|p| p.velocity_mps != 0.0)
 }
 
 /// Opens a points file of this project.
@@ -128,8 +132,13 @@ fn points_file(file: PointsFile, options: &CaptureOptions) -> Result<Recording> 
     let mut timeline = Timeline::from_frames(file.frames, about.frame_rate_hz);
     timeline = place(timeline, &options.points, options.points.mounting()?)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
+    let mut clip = about.with_frames(timeline.frames);
+    if !have_speeds(&clip.frames) {
+        notes.push(NO_SPEEDS.into());
+        clip.clutter = Clutter::Settled;
+    }
     Ok(Recording {
-        clip: about.with_frames(timeline.frames),
+        clip,
         notes,
         warnings: Vec::new(),
     })
@@ -138,12 +147,12 @@ fn points_file(file: PointsFile, options: &CaptureOptions) -> Result<Recording> 
 /// What a points file states of its recording, without frames.
 pub(crate) fn about_points_file(meta: &PointsMeta, options: &CaptureOptions) -> Clip {
     let Ok(provenance) = meta.source.parse::<Provenance>();
+    let height_m = options.radar_height_m.or(meta.radar_height_m);
     Clip {
         frames: Vec::new(),
         frame_rate_hz: meta.frame_rate_hz,
-        radar_height_m: meta
-            .radar_height_m
-            .unwrap_or(options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M)),
+        radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+        is_height_assumed: height_m.is_none(),
         radar: meta.radar.clone(),
         provenance: match (provenance, meta.seed) {
             (Provenance::Simulated { input, .. }, seed) => Provenance::Simulated { input, seed },
@@ -404,13 +413,12 @@ impl SampleRecording {
             .iter()
             .map(|p| p.display().to_string())
             .collect();
+        let height_m = self.options.radar_height_m;
         Clip {
             frames: Vec::new(),
             frame_rate_hz: self.config.frame_rate_hz(),
-            radar_height_m: self
-                .options
-                .radar_height_m
-                .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: height_m.is_none(),
             radar: self.config.name.clone(),
             provenance: Provenance::Recorded {
                 format: None,

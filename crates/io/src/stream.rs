@@ -110,6 +110,7 @@ pub struct PointsFileStream {
     reader: PointsReader,
     about: Clip,
     placing: Placing,
+    has_speeds: bool,
     /// Recording of the empty scene, if points of it are removed.
     empty_scene: Option<PathBuf>,
 }
@@ -127,13 +128,17 @@ impl PointsFileStream {
             reader,
             placing: Placing::new(points, points.mounting()?, about.frame_rate_hz, background)?,
             about,
+            has_speeds: false,
             empty_scene: options.cleaning.background.clone(),
         }))
     }
 
     fn next_frame(&mut self) -> Result<Option<PointFrame>> {
-        let frame = self.reader.next_frame()?;
-        Ok(frame.map(|frame| self.placing.apply(frame)))
+        let Some(frame) = self.reader.next_frame()? else {
+            return Ok(None);
+        };
+        self.has_speeds |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
+        Ok(Some(self.placing.apply(frame)))
     }
 
     fn finish(self) -> StreamEnd {
@@ -141,8 +146,7 @@ impl PointsFileStream {
         StreamEnd {
             notes: self.empty_scene.and_then(about).into_iter().collect(),
             warnings: Vec::new(),
-            // Whether static points may be removed is in the file.
-            has_speeds: true,
+            has_speeds: self.has_speeds,
         }
     }
 }
@@ -298,6 +302,7 @@ impl UartStream {
             frames: Vec::new(),
             frame_rate_hz: self.frame_rate_hz()?,
             radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: height_m.is_none(),
             radar: self.radar(),
             provenance: self.provenance.clone(),
             clutter: self.clutter,

@@ -110,6 +110,7 @@ fn scene() -> Result<Clip> {
         frames,
         frame_rate_hz: radar.frame_rate_hz(),
         radar_height_m: RADAR_M,
+        is_height_assumed: false,
         radar: radar.name.clone(),
         provenance: Provenance::simulated("four people", 1),
         clutter: Clutter::Settled,

@@ -1,6 +1,6 @@
 //! The model as the pipeline uses it.
 
-use radarllm::{Captioner, Clip, SiteLearner};
+use radarllm::{Captioner, Clip, Description, SiteLearner};
 use radarllm_monitor::activities::actions_of;
 use radarllm_monitor::pipeline::{Describe, Described};
 
@@ -43,6 +43,45 @@ impl Captions {
     }
 }
 
+impl Captions {
+    /// A sentence with its actions. Where they are measured, changes of posture are actions, too.
+    fn sentence(&self, clip: &Clip, description: Description) -> Described {
+        let mut actions = actions_of(&description.caption);
+        let mut measured = Vec::new();
+        if self.captioner.measures(clip) {
+            actions = with_changes(actions);
+            let taught = description.segments.iter().filter(|s| s.taught.is_some());
+            let taught: Vec<&str> = taught.flat_map(|s| s.actions.iter().copied()).collect();
+            let is_measured = |action: &&String| !taught.contains(&action.as_str());
+            measured = actions.iter().filter(is_measured).cloned().collect();
+        }
+        Described::Sentence {
+            actions,
+            measured,
+            confidence: description.confidence.into(),
+            caption: description.caption,
+        }
+    }
+}
+
+/// Measured actions with the changes between them: who walks or stands after sitting or lying has got up, and who sits or
+/// lies afterwards has sat or lain down, unless by a fall.
+fn with_changes(actions: Vec<String>) -> Vec<String> {
+    let is_up = |action: &str| ["walk", "pace", "stand_still"].contains(&action);
+    let mut all: Vec<String> = Vec::with_capacity(actions.len());
+    for action in actions {
+        let change = match (all.last().map(String::as_str), action.as_str()) {
+            (Some("sit_still" | "lie_still"), now) if is_up(now) => Some("stand_up"),
+            (Some(before), "sit_still") if is_up(before) => Some("sit_down"),
+            (Some(before), "lie_still") if is_up(before) => Some("lie_down"),
+            _ => None,
+        };
+        all.extend(change.map(String::from));
+        all.push(action);
+    }
+    all
+}
+
 impl Describe for Captions {
     fn describe(&mut self, clip: &Clip) -> Described {
         self.learn(clip);
@@ -51,11 +90,7 @@ impl Describe for Captions {
                 Some(reason) => Described::Abstained {
                     reason: reason.to_string(),
                 },
-                None => Described::Sentence {
-                    actions: actions_of(&description.caption),
-                    confidence: description.confidence.into(),
-                    caption: description.caption,
-                },
+                None => self.sentence(clip, description),
             },
             Err(error) => Described::Failed {
                 error: error.to_string(),
@@ -78,6 +113,33 @@ mod tests {
     use super::*;
 
     #[test]
+    fn changes_of_measured_postures_are_actions() {
+        let of = |actions: &[&str]| with_changes(actions.iter().map(|a| (*a).into()).collect());
+        let day = ["walk", "sit_still", "pace", "lie_still", "stand_still"];
+        let expected = [
+            "walk",
+            "sit_down",
+            "sit_still",
+            "stand_up",
+            "pace",
+            "lie_down",
+            "lie_still",
+            "stand_up",
+            "stand_still",
+        ];
+        assert_eq!(of(&day), expected);
+        // A fall is no lying down, and a pause no change.
+        assert_eq!(
+            of(&["walk", "fall", "lie_still"]),
+            ["walk", "fall", "lie_still"]
+        );
+        assert_eq!(
+            of(&["walk", "stand_still", "walk"]),
+            ["walk", "stand_still", "walk"]
+        );
+    }
+
+    #[test]
     fn an_error_of_the_model_is_no_abstention() {
         let frame = PointFrame {
             frame: 0,
@@ -89,6 +151,7 @@ mod tests {
             frames: vec![frame; 60],
             frame_rate_hz: f64::NAN,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "test".into(),
             provenance: Provenance::simulated("test", 0),
             clutter: Clutter::Settled,
@@ -126,6 +189,7 @@ mod tests {
             frames: (0..60).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.95,
+            is_height_assumed: false,
             radar: "board".into(),
             provenance: "recorded:uart:x".parse().unwrap(),
             clutter: Clutter::Settled,

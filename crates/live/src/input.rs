@@ -64,6 +64,7 @@ fn stream_of(source: SourceInfo) -> StreamInfo {
     StreamInfo {
         frame_period_s: source.frame_period_s,
         radar_height_m: source.radar_height_m.into(),
+        is_height_assumed: source.is_height_assumed,
         radar: source.radar,
         provenance: source.provenance,
         clutter: source.clutter,
@@ -165,6 +166,7 @@ impl Input {
         let stream = StreamInfo {
             frame_period_s: room.frame_period_s(),
             radar_height_m: room.radar_height_m(),
+            is_height_assumed: false,
             radar: room.radar().into(),
             provenance: Provenance::simulated("sim:", options.seed),
             clutter: Clutter::Settled,
@@ -454,6 +456,7 @@ mod tests {
             frames: [5.0, 5.1, 5.11, 5.5, 5.6].map(frame).to_vec(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "test".into(),
             provenance: Provenance::recorded("csv", "test.csv"),
             clutter: Clutter::Settled,

@@ -57,6 +57,7 @@ fn pipeline() -> Pipeline {
     let stream = StreamInfo {
         frame_period_s: 0.1,
         radar_height_m: HEIGHT_M,
+        is_height_assumed: false,
         radar: "test".into(),
         provenance: Provenance::simulated("builtin:fall", 1),
         clutter: Clutter::Settled,

@@ -177,6 +177,7 @@ impl LiveSource for Faulty {
             frame_period_s: 0.1,
             radar: DEFAULT_RADAR.into(),
             radar_height_m: 1.0,
+            is_height_assumed: false,
             clutter: Clutter::Settled,
             provenance: Provenance::simulated("faulty", 0),
         }

@@ -21,6 +21,11 @@ const LANDING_S: f64 = 1.0;
 /// not fall.
 const UP_M: f32 = 0.8;
 const BEFORE_S: f64 = 1.5;
+/// Where nobody knows the height of the radar: the time before a fall in which the person stood, s, the share of the heights
+/// that are lower, and how far the middle of the points of a person who is up lies below the track or a standing person, m.
+const OWN_HEIGHT_S: f64 = 10.0;
+const OWN_HEIGHT: f32 = 0.9;
+const MIDDLE_BELOW_M: f32 = 0.25;
 /// Nearer than this, m, the board sees a part of a body only, and no fall is stated: the track of somebody who reaches for
 /// the board, or walks past below it, sinks.
 const MIN_DISTANCE_M: f32 = 0.7;
@@ -32,6 +37,14 @@ const POOL_S: f64 = 1.0;
 const POOL_GAP_S: f64 = 0.3;
 const POOL_FALL_M: f32 = 0.7;
 const POOL_POINTS: usize = 4;
+/// Share of the points that must be left afterwards: what lies on the floor reflects (three tenths or more of the points in
+/// the falls of the IWRL6432AOP), and who stops leaves noise where static points are removed (one or two hundredths).
+const POOL_LEFT: f32 = 0.1;
+/// How far the middle of the points may go meanwhile, m: farther away is another person, or an echo.
+const POOL_SHIFT_M: f32 = 1.0;
+/// How far the middle half of the points may be spread afterwards on the floor and in height, m: at most 1.95 m and 2.0 m after
+/// the falls of the IWRL6432AOP. The few points that are left of somebody who stops are noise from everywhere.
+const POOL_SPREAD_M: [f32; 2] = [2.0, 2.2];
 
 /// A fall.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +63,28 @@ fn beyond(value: f32, limit: f32) -> f32 {
     (0.7 + 0.56 * (value / limit - 1.0)).clamp(0.0, 0.98)
 }
 
+/// Height above the radar, m, at which a person stood before a time: that of the site, or the upper end of the heights of the
+/// last seconds where the height of the radar is assumed.
+fn standing_m(person: &TrackedPerson, t_s: f64, site: &Site) -> Option<f32> {
+    /// The upper end may be that of a track that jumped up for a moment: from a time on, s, it is limited to this far above
+    /// the median, m, which is the way from a seat.
+    const LONG_S: f64 = 3.0;
+    const FROM_SEAT_M: f32 = 0.3;
+    if !site.is_height_assumed {
+        return Some(site.standing_m);
+    }
+    let before = person.between(t_s - OWN_HEIGHT_S, t_s);
+    let height_m = |share| quantile_nearest(before.iter().filter_map(|s| s.height_m), share);
+    let upper_m = height_m(OWN_HEIGHT)?;
+    match before
+        .first()
+        .is_some_and(|first| t_s - first.t_s >= LONG_S)
+    {
+        true => Some(upper_m.min(height_m(0.5)? + FROM_SEAT_M)),
+        false => Some(upper_m),
+    }
+}
+
 /// The falls of a person whom the board tracks in height.
 pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
     let mut falls: Vec<Fall> = Vec::new();
@@ -65,7 +100,10 @@ pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
         }
         let before = person.between(at.t_s - BEFORE_S, at.t_s).iter();
         let highest_m = before.filter_map(|s| s.height_m).fold(f32::MIN, f32::max);
-        if site.standing_m - highest_m > UP_M {
+        let Some(standing_m) = standing_m(person, at.t_s, site) else {
+            continue;
+        };
+        if standing_m - highest_m > UP_M {
             continue;
         }
         let landing = person.between(at.t_s, at.t_s + LANDING_S);
@@ -73,9 +111,12 @@ pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
         let Some(height_m) = quantile_nearest(last.iter().filter_map(|s| s.height_m), 0.5) else {
             continue;
         };
-        let below_m = site.standing_m - height_m;
+        let below_m = standing_m - height_m;
         let distance_m = at.place_m[0].hypot(at.place_m[1]);
-        if below_m < FALLEN_M || distance_m < MIN_DISTANCE_M || has_risen(person, at.t_s, site) {
+        if below_m < FALLEN_M
+            || distance_m < MIN_DISTANCE_M
+            || has_risen(person, at.t_s, standing_m)
+        {
             continue;
         }
         push(
@@ -91,12 +132,12 @@ pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
 }
 
 /// Whether a person is up again in the second after the landing: then the track went down alone.
-fn has_risen(person: &TrackedPerson, t_s: f64, site: &Site) -> bool {
+fn has_risen(person: &TrackedPerson, t_s: f64, standing_m: f32) -> bool {
     /// Part of the height of a fall below which somebody has risen.
     const RISEN: f32 = 0.8;
     let after = person.between(t_s + LANDING_S, t_s + 2.0 * LANDING_S);
     let height = quantile_nearest(after.iter().filter_map(|s| s.height_m), 0.5);
-    after.len() >= 5 && height.is_some_and(|z_m| site.standing_m - z_m < RISEN * FALLEN_M)
+    after.len() >= 5 && height.is_some_and(|z_m| standing_m - z_m < RISEN * FALLEN_M)
 }
 
 /// Whether a person walks after a time: who has fallen does not go on.
@@ -112,7 +153,12 @@ pub(crate) fn walks_on(person: &TrackedPerson, fall: &Fall) -> bool {
 /// A fall as the points of the person show it: none if they stay at the height of a person who is up, because then the
 /// track sank alone; surer if they are down. Who lies has half of the points within 0.8 m of the floor, who walks above
 /// 1.4 m (docs/results/boards.md).
-pub(crate) fn confirmed(frames: &[PointFrame], fall: Fall, site: &Site) -> Option<Fall> {
+pub(crate) fn confirmed(
+    frames: &[PointFrame],
+    person: &TrackedPerson,
+    fall: Fall,
+    site: &Site,
+) -> Option<Fall> {
     /// Height of the middle of the points below a standing person, m, from which on the person lies.
     const LIES_M: f32 = 0.55;
     /// When the points are looked at, s after the fall, and how near they are, m.
@@ -134,10 +180,26 @@ pub(crate) fn confirmed(frames: &[PointFrame], fall: Fall, site: &Site) -> Optio
         return Some(fall);
     }
     let middle_m = quantile_nearest(heights_m, 0.5)?;
-    (site.standing_m - middle_m >= LIES_M).then_some(Fall {
+    let Some(standing_m) =
+        standing_m(person, fall.t_s, site).or_else(|| standing_by_points_m(frames, fall.t_s))
+    else {
+        return Some(fall);
+    };
+    (standing_m - middle_m >= LIES_M).then_some(Fall {
         probability: 1.0 - DOUBT * (1.0 - fall.probability),
         ..fall
     })
+}
+
+/// Height above the radar, m, of a standing person as the points of the last seconds before a fall show it; `None` if they
+/// are few.
+fn standing_by_points_m(frames: &[PointFrame], t_s: f64) -> Option<f32> {
+    /// Points of fewer say nothing.
+    const MIN_POINTS: usize = 20;
+    let points = points_between(frames, t_s - OWN_HEIGHT_S, t_s - POOL_GAP_S);
+    let heights_m: Vec<f32> = points.map(|point| point.z_m).collect();
+    let middle_m = (heights_m.len() >= MIN_POINTS).then(|| quantile_nearest(heights_m, 0.5))??;
+    Some(middle_m + MIDDLE_BELOW_M)
 }
 
 /// The points between two times, s, without leakage. Frames are in order of time.
@@ -184,22 +246,47 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
             continue;
         };
         let fallen_m = before_m - after_m;
-        if fallen_m < POOL_FALL_M {
+        // The points may become few within the second before.
+        let earlier_s = t_s - POOL_GAP_S - POOL_S;
+        let n_earlier = points_between(frames, earlier_s - POOL_S, earlier_s).count();
+        let n_before = before.len().max(n_earlier);
+        let is_left = after.len() as f32 >= POOL_LEFT * n_before as f32;
+        if fallen_m < POOL_FALL_M || !is_left {
             continue;
         }
-        let place = |axis: fn(&RadarPoint) -> f32| {
-            quantile_nearest(after.iter().map(axis), 0.5).unwrap_or_default()
+        let place_of = |points: &[RadarPoint]| {
+            let middle = |axis: fn(&RadarPoint) -> f32| {
+                quantile_nearest(points.iter().map(axis), 0.5).unwrap_or_default()
+            };
+            [middle(|p| p.x_m), middle(|p| p.y_m)]
         };
+        let [from_m, place_m] = [place_of(&before), place_of(&after)];
+        let shift_m = (from_m[0] - place_m[0]).hypot(from_m[1] - place_m[1]);
+        let is_near = place_m[0].hypot(place_m[1]) < MIN_DISTANCE_M;
+        let [across_m, upward_m] = spread_m(&after);
+        let is_compact = across_m <= POOL_SPREAD_M[0] && upward_m <= POOL_SPREAD_M[1];
+        if shift_m > POOL_SHIFT_M || !is_compact || is_near {
+            continue;
+        }
         push(
             &mut falls,
             Fall {
                 t_s,
-                place_m: [place(|p| p.x_m), place(|p| p.y_m)],
+                place_m,
                 probability: beyond(fallen_m, POOL_FALL_M),
             },
         );
     }
     falls
+}
+
+/// How far the middle half of points is spread on the floor, and in height, m.
+fn spread_m(points: &[RadarPoint]) -> [f32; 2] {
+    let along = |axis: fn(&RadarPoint) -> f32| {
+        let share = |share| quantile_nearest(points.iter().map(axis), share).unwrap_or_default();
+        share(0.75) - share(0.25)
+    };
+    [along(|p| p.x_m).hypot(along(|p| p.y_m)), along(|p| p.z_m)]
 }
 
 /// Whether a sample is in the time of a fall: from a second before to a second after.
@@ -250,6 +337,71 @@ mod tests {
     }
 
     #[test]
+    fn where_the_height_of_the_radar_is_assumed_a_fall_is_told_by_the_persons_own_height() {
+        // The radar is 0.9 m higher or lower than assumed; somebody stands, sits for a while, or is seen too high for a second.
+        let site = Site::assumed("board", 1.5);
+        let falls = |at: &dyn Fn(f64) -> Option<[f32; 3]>| {
+            let people = tracked_people(&frames(20.0, at), None).unwrap();
+            falls_of(&people[0], &site).len()
+        };
+        for off_m in [-0.9, 0.0, 0.9] {
+            let stated = |from_m: f32, to_m: f32, seconds: f32| {
+                let down = down(from_m + off_m, to_m + off_m, seconds);
+                move |t: f64| down(t)
+            };
+            assert_eq!(falls(&stated(0.1, -1.3, 0.8)), 1);
+            assert_eq!(falls(&stated(0.1, -0.5, 0.5)), 0);
+            assert_eq!(falls(&stated(0.1, -1.3, 2.5)), 0);
+            let jumped = |t: f64| match t {
+                t if (8.0..9.0).contains(&t) => Some([2.5, 1.2 + off_m, 0.0]),
+                t if (9.0..9.4).contains(&t) => Some([2.5, 0.1 + off_m, -2.0]),
+                _ => Some([2.5, 0.1 + off_m, 0.0]),
+            };
+            assert_eq!(falls(&jumped), 0);
+        }
+        // The site of a stated height would take the same fall for that of somebody who lies already.
+        let low = down(-0.8, -2.2, 0.8);
+        let people = tracked_people(&frames(20.0, low), None).unwrap();
+        assert_eq!(falls_of(&people[0], &Site::unlearned("board", 1.5)), []);
+    }
+
+    #[test]
+    fn points_that_stay_up_deny_a_fall_also_where_the_height_of_the_radar_is_assumed() {
+        // Tracked in a plane: the points of somebody who walks, of whom a second is seen lower, and of somebody who falls.
+        let recording = |after_m: f32| -> Vec<PointFrame> {
+            let frame = |i: u32| {
+                let z_m = if i < 80 { 0.9 } else { after_m };
+                let point = RadarPoint {
+                    y_m: 2.0,
+                    z_m,
+                    range_m: 2.0,
+                    ..RadarPoint::default()
+                };
+                PointFrame {
+                    frame: i,
+                    time_s: f64::from(i) / 10.0,
+                    points: vec![point; 3],
+                    ..PointFrame::default()
+                }
+            };
+            (0..120).map(frame).collect()
+        };
+        let flat = TrackedPerson {
+            tracker: crate::people::Tracker::Board,
+            track: 1,
+            samples: Vec::new(),
+        };
+        let fall = Fall {
+            t_s: 8.0,
+            place_m: [0.0, 2.0],
+            probability: 0.8,
+        };
+        let site = Site::assumed("board", 1.0);
+        assert_eq!(confirmed(&recording(0.8), &flat, fall, &site), None);
+        assert!(confirmed(&recording(0.0), &flat, fall, &site).is_some());
+    }
+
+    #[test]
     fn points_that_sink_by_more_than_a_seat_are_a_fall() {
         let recording = |to_m: f32, near_m: f32| -> Vec<PointFrame> {
             let frame = |i: u32| {
@@ -271,6 +423,31 @@ mod tests {
         };
         let falls = falls_of_points(&recording(-1.1, 2.0));
         assert_eq!(falls.len(), 1);
+        // Somebody stops, and a few points from everywhere are left: too few, too far apart, or of somebody else.
+        let stops = |n_before: usize, spread_m: [f32; 2], y_m: f32| {
+            let mut frames = recording(-1.1, 2.0);
+            for frame in &mut frames {
+                let is_before = frame.frame < 40;
+                let point = frame.points[0];
+                frame.points = match is_before {
+                    true => vec![point; n_before],
+                    false => (0..2)
+                        .map(|k| RadarPoint {
+                            x_m: spread_m[0] * (k as f32 - 0.5),
+                            y_m,
+                            z_m: point.z_m + spread_m[1] * (k as f32 - 0.5),
+                            ..point
+                        })
+                        .collect(),
+                };
+            }
+            falls_of_points(&frames).len()
+        };
+        assert_eq!(stops(2, [0.5, 0.5], 2.0), 1);
+        assert_eq!(stops(30, [0.5, 0.5], 2.0), 0);
+        assert_eq!(stops(2, [3.0, 0.5], 2.0), 0);
+        assert_eq!(stops(2, [0.5, 4.0], 2.0), 0);
+        assert_eq!(stops(3, [0.5, 0.5], 4.0), 0);
         assert!((falls[0].t_s - 4.0).abs() < 1.1, "{falls:?}");
         assert_eq!(falls_of_points(&recording(-0.5, 2.0)), []);
         // Leakage before the antennas is nobody.

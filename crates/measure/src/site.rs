@@ -37,6 +37,8 @@ pub struct Site {
     pub standing_m: f32,
     /// Time in which somebody walked, s.
     pub walking_s: f32,
+    /// Whether the height of the radar follows from neither people nor a statement.
+    pub is_height_assumed: bool,
 }
 
 /// Why nothing can be said about a site.
@@ -67,6 +69,15 @@ impl Site {
             tilt_rad: 0.0,
             standing_m: STANDING_M - radar_height_m,
             walking_s: 0.0,
+            is_height_assumed: false,
+        }
+    }
+
+    /// The same of a radar whose height above the floor nobody states.
+    pub fn assumed(radar: &str, radar_height_m: f32) -> Self {
+        Self {
+            is_height_assumed: true,
+            ..Self::unlearned(radar, radar_height_m)
         }
     }
 
@@ -91,11 +102,17 @@ impl Site {
     /// all of them, 49 s in half an hour eight.
     pub fn height_error_m(&self, distance_m: f32) -> f32 {
         const STATED_HEIGHT_ERROR_M: f32 = 0.1;
+        /// Radars stand on tables and hang below ceilings, 0.7 to 2.2 m high.
+        const ASSUMED_HEIGHT_ERROR_M: f32 = 0.4;
         const STATED_TILT_ERROR_RAD: f32 = 6.0 * (std::f32::consts::PI / 180.0);
         /// Walking after which half of the error is left, s.
         const HALF_S: f32 = 10.0;
         let left = HALF_S / (HALF_S + self.walking_s);
-        left * STATED_HEIGHT_ERROR_M.hypot(STATED_TILT_ERROR_RAD * distance_m)
+        let height_error_m = match self.is_height_assumed {
+            true => ASSUMED_HEIGHT_ERROR_M,
+            false => STATED_HEIGHT_ERROR_M,
+        };
+        left * height_error_m.hypot(STATED_TILT_ERROR_RAD * distance_m)
     }
 
     /// Height of the radar above the floor, m, if a standing person is tracked at [`STANDING_M`].
@@ -151,6 +168,7 @@ impl SiteLearner {
             }),
             standing_m: 0.0,
             walking_s,
+            is_height_assumed: false,
         };
         let heights = stretches.iter().map(|stretch| site.level(*stretch)[1]);
         let standing_m = quantile_nearest(heights, UPRIGHT).unwrap_or_default();

@@ -100,7 +100,7 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
         };
         let falls = falls.into_iter();
         falls
-            .filter_map(|fall| confirmed(frames, fall, site))
+            .filter_map(|fall| confirmed(frames, person, fall, site))
             .collect()
     };
     let mut states: Vec<State> = (people.iter())
@@ -486,6 +486,10 @@ mod tests {
             walking_s: 300.0,
             ..unlearned()
         };
+        // A radar whose height nobody states may be half a metre higher or lower.
+        let assumed = || Site::assumed("board", 1.5);
+        assert_eq!(found(0.5, assumed()), Activity::StaysSomehow);
+        assert_eq!(found(2.0, assumed()), Activity::Stays(Posture::Lying));
         assert_eq!(found(0.7, unlearned()), Activity::Stays(Posture::Sitting));
         assert_eq!(found(0.25, unlearned()), Activity::StaysSomehow);
         assert_eq!(found(0.25, learned()), Activity::Stays(Posture::Sitting));

@@ -8,6 +8,7 @@
 //! | – | suspected | the height was below `fall_height_m` in two successive frames, within 1.0 s after it was above 1.0 m |
 //! | – | suspected | the height was below 0.7 m, within 1.5 s after it was above 1.0 m, and has been unknown for 0.5 s since |
 //! | – | suspected | the model says `fall`, and the height is below 0.7 m |
+//! | – | suspected | a fall was measured by the board's tracks or the points of the person (`radarllm-measure`) |
 //! | suspected | dismissed | the person rose: the height was above 0.9 m for 1 s, or the person left through a door |
 //! | suspected | confirmed | `fall_dwell_s` have passed |
 //! | confirmed | recovered | the person rose |
@@ -300,19 +301,28 @@ impl FallMonitor {
 
     /// The model named a person's action in a window that has just ended.
     pub fn label(&mut self, person: u32, action: &str) -> Option<FallEvent> {
-        let body = self.bodies.get(&person)?;
-        let (height_m, at_s) = body.last?;
-        let is_rested = body
-            .ended_s
-            .is_none_or(|end_s| is_over(end_s, self.now_s, LABEL_REST_S));
-        let counts = action == FALL
-            && height_m < SUNK_M
-            && !is_over(at_s, self.now_s, LABEL_AGE_S)
-            && is_rested
-            && !body.must_rise
-            && !self.zones.is_bed(body.place_m)
-            && !self.is_open(person);
-        let place_m = body.place_m;
+        let (height_m, at_s) = self.bodies.get(&person)?.last?;
+        let is_low = height_m < SUNK_M && !is_over(at_s, self.now_s, LABEL_AGE_S);
+        let place_m = self.bodies.get(&person)?.place_m;
+        (action == FALL && is_low).then(|| self.stated(person, place_m))?
+    }
+
+    /// A fall of a person was measured in a window that has just ended, at a place if the person is not tracked here. The
+    /// heights of this monitor need not show it: they need a stated height of the radar and many points.
+    pub fn measured(&mut self, person: u32, place_m: [f64; 2]) -> Option<FallEvent> {
+        let tracked = self.bodies.get(&person).map(|body| body.place_m);
+        self.stated(person, tracked.unwrap_or(place_m))
+    }
+
+    /// Begins a fall that something else than the heights states.
+    fn stated(&mut self, person: u32, place_m: [f64; 2]) -> Option<FallEvent> {
+        let is_recent = |end_s: f64| !is_over(end_s, self.now_s, LABEL_REST_S);
+        let has_ended = match self.bodies.get(&person) {
+            Some(body) => body.must_rise || body.ended_s.is_some_and(is_recent),
+            None => (self.acknowledged.iter())
+                .any(|(place, at_s)| is_near(*place, place_m) && is_recent(*at_s)),
+        };
+        let counts = !has_ended && !self.zones.is_bed(place_m) && !self.is_open(person);
         counts.then(|| self.begin(person, place_m))
     }
 

@@ -112,6 +112,12 @@ impl Watch {
         self.falls.label(person, action)
     }
 
+    /// A fall of a person was measured, at a place if the person is not tracked here. Returns the fall that is suspected
+    /// because of it.
+    pub fn measured_fall(&mut self, person: u32, place_m: [f64; 2]) -> Option<FallEvent> {
+        self.falls.measured(person, place_m)
+    }
+
     /// Ends a fall on a user's word. Returns whether there was such a fall.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
         self.falls.acknowledge(fall)

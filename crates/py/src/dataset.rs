@@ -543,6 +543,7 @@ impl PyClip {
             frames: record.frames,
             frame_rate_hz,
             radar_height_m: record.radar_height_m,
+            is_height_assumed: false,
             radar: record.radar,
             // Clips of data sets are simulated, without clutter.
             provenance: Provenance::simulated(&record.id, record.seed),

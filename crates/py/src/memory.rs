@@ -92,7 +92,7 @@ impl PyMemory {
                 .map_err(Error::wrap)?;
             let all = taught.iter().map(ToString::to_string);
             let warnings: Vec<String> = all
-                .chain(memory.contradictions().iter().map(ToString::to_string))
+                .chain(memory.doubts().iter().map(ToString::to_string))
                 .collect();
             Ok((memory, warnings))
         })?;

@@ -20,8 +20,10 @@ use pyo3::{
 };
 use radarllm::{
     Clip, Clutter, Overwrite, PointFrame, PointsMeta, Provenance, RadarPoint, Recording,
-    inference::PrepareOptions, io::recording::read_points_file, points_to_batch, write_clip,
+    inference::PrepareOptions, io::options::DEFAULT_RADAR_HEIGHT_M,
+    io::recording::read_points_file, point_columns, points_to_batch, write_clip,
 };
+use radarllm_base::{BoardReport, BoardTrack};
 
 use crate::{arrow, errors, html, work};
 
@@ -63,6 +65,7 @@ const UNNAMED: &str = "array";
 #[pyclass(frozen, name = "Points", module = "radarllm")]
 pub struct PyPoints {
     pub recording: Arc<Recording>,
+    table: OnceLock<RecordBatch>,
     columns: OnceLock<RecordBatch>,
     frames: OnceLock<Frames>,
 }
@@ -78,6 +81,7 @@ impl From<Recording> for PyPoints {
     fn from(recording: Recording) -> Self {
         Self {
             recording: Arc::new(recording),
+            table: OnceLock::new(),
             columns: OnceLock::new(),
             frames: OnceLock::new(),
         }
@@ -95,16 +99,31 @@ impl PyPoints {
         &self.recording.clip
     }
 
-    /// The columns, made once.
-    fn batch(&self, py: Python<'_>) -> PyResult<&RecordBatch> {
-        if let Some(batch) = self.columns.get() {
-            return Ok(batch);
+    /// The table of a points file, made once.
+    fn table(&self, py: Python<'_>) -> PyResult<&RecordBatch> {
+        if let Some(table) = self.table.get() {
+            return Ok(table);
         }
         let clip = self.clip();
-        let batch = work::run(py, |_| {
+        let table = work::run(py, |_| {
             Ok(points_to_batch(&PointsMeta::of(clip), &clip.frames)?)
         })?;
-        Ok(self.columns.get_or_init(|| batch))
+        Ok(self.table.get_or_init(|| table))
+    }
+
+    /// The columns of the points, made once: those of the table, unless it has rows that are no points.
+    fn point_table(&self, py: Python<'_>) -> PyResult<&RecordBatch> {
+        if let Some(columns) = self.columns.get() {
+            return Ok(columns);
+        }
+        let (clip, table) = (self.clip(), self.table(py)?);
+        let columns = match table.num_rows() == clip.n_points() {
+            true => table.clone(),
+            false => work::run(py, |_| {
+                Ok(point_columns(&PointsMeta::of(clip), &clip.frames)?)
+            })?,
+        };
+        Ok(self.columns.get_or_init(|| columns))
     }
 
     fn frames(&self) -> &Frames {
@@ -161,7 +180,7 @@ impl PyPoints {
     /// the times of the frames, s; frame i is at i / `frame_rate_hz` without them. The points of a frame are kept with
     /// the strongest first, which is the order of points files.
     #[staticmethod]
-    #[pyo3(signature = (frames, *, frame_rate_hz, radar, synthetic=None, source=None, seed=None, radar_height_m=1.0, times_s=None))]
+    #[pyo3(signature = (frames, *, frame_rate_hz, radar, synthetic=None, source=None, seed=None, radar_height_m=None, times_s=None))]
     #[expect(clippy::too_many_arguments, reason = "all are keywords of Python")]
     fn from_numpy(
         frames: &Bound<'_, PyAny>,
@@ -170,7 +189,7 @@ impl PyPoints {
         synthetic: Option<bool>,
         source: Option<String>,
         seed: Option<u64>,
-        radar_height_m: f32,
+        radar_height_m: Option<f32>,
         times_s: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let provenance = provenance(synthetic, source, seed)?;
@@ -179,10 +198,8 @@ impl PyPoints {
                 "`frame_rate_hz` {frame_rate_hz}: must be finite and positive"
             )));
         }
-        if !radar_height_m.is_finite() {
-            return Err(errors::input(format!(
-                "`radar_height_m` is {radar_height_m}"
-            )));
+        if let Some(height_m) = radar_height_m.filter(|height_m| !height_m.is_finite()) {
+            return Err(errors::input(format!("`radar_height_m` is {height_m}")));
         }
         let mut out: Vec<PointFrame> = Vec::new();
         let mut n_points = 0;
@@ -209,7 +226,8 @@ impl PyPoints {
         Ok(Self::from(Clip {
             frames: out,
             frame_rate_hz,
-            radar_height_m,
+            radar_height_m: radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: radar_height_m.is_none(),
             radar,
             provenance,
             clutter: Clutter::Unchecked,
@@ -269,13 +287,20 @@ impl PyPoints {
         };
         let mut frames = file.frames;
         frames.iter_mut().for_each(PointFrame::sort_by_intensity);
+        // As in files: where no point has a speed, none is known to be static.
+        let mut points = frames.iter().flat_map(|f| &f.points);
+        let clutter = match points.any(|p| p.velocity_mps != 0.0) {
+            true => Clutter::Unchecked,
+            false => Clutter::Settled,
+        };
         Ok(Self::from(Clip {
             frames,
             frame_rate_hz: file.meta.frame_rate_hz,
-            radar_height_m: file.meta.radar_height_m.unwrap_or(1.0),
+            radar_height_m: file.meta.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: file.meta.radar_height_m.is_none(),
             radar: file.meta.radar,
             provenance,
-            clutter: Clutter::Unchecked,
+            clutter,
         }))
     }
 
@@ -396,6 +421,45 @@ impl PyPoints {
         PyArray1::from_vec(py, values).reshape([frame.points.len(), N_VALUES])
     }
 
+    /// The people whom the firmware of the board tracks, in order of time: arrays of equal length by name, `frame`, `t_s`,
+    /// `id`, place and height above the radar `x_m`, `y_m`, `z_m` (NaN where it tracks in a plane), and velocity `vx_mps`,
+    /// `vy_mps`, `vz_mps`. Empty for boards that report points alone.
+    #[getter]
+    fn tracks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let tracks = || {
+            let frames = self.clip().frames.iter();
+            frames.flat_map(|f| {
+                f.board
+                    .iter()
+                    .flat_map(move |b| b.tracks.iter().map(move |t| (f, t)))
+            })
+        };
+        let all = PyDict::new(py);
+        let numbers = tracks().map(|(frame, _)| frame.frame);
+        all.set_item("frame", PyArray1::from_iter(py, numbers))?;
+        all.set_item(
+            "t_s",
+            PyArray1::from_iter(py, tracks().map(|(frame, _)| frame.time_s)),
+        )?;
+        all.set_item(
+            "id",
+            PyArray1::from_iter(py, tracks().map(|(_, track)| track.id)),
+        )?;
+        let members: [(&str, fn(&BoardTrack) -> f32); 6] = [
+            ("x_m", |t| t.place_m[0]),
+            ("y_m", |t| t.place_m[1]),
+            ("z_m", |t| t.height_m.unwrap_or(f32::NAN)),
+            ("vx_mps", |t| t.velocity_mps[0]),
+            ("vy_mps", |t| t.velocity_mps[1]),
+            ("vz_mps", |t| t.velocity_mps[2]),
+        ];
+        for (name, member) in members {
+            let values = tracks().map(|(_, track)| member(track));
+            all.set_item(name, PyArray1::from_iter(py, values))?;
+        }
+        Ok(all)
+    }
+
     /// The page of the points: one HTML file that needs nothing else.
     fn to_html(&self, py: Python<'_>) -> PyResult<String> {
         work::run(py, |_| Ok(html::page(self.clip(), None)))
@@ -407,7 +471,7 @@ impl PyPoints {
 
     fn __getitem__<'py>(this: &Bound<'py, Self>, column: &str) -> PyResult<Bound<'py, PyAny>> {
         let points = this.get();
-        let batch = points.batch(this.py())?;
+        let batch = points.point_table(this.py())?;
         let Some(values) = batch.column_by_name(column) else {
             return Err(pyo3::exceptions::PyKeyError::new_err(format!(
                 "{column}: the columns are {}",
@@ -444,7 +508,7 @@ impl PyPoints {
     ) -> PyResult<Bound<'py, PyCapsule>> {
         // The protocol allows a producer to keep its own types where it cannot convert.
         let _ = requested_schema;
-        arrow::capsule_of_batch(py, self.batch(py)?)
+        arrow::capsule_of_batch(py, self.table(py)?)
     }
 
     fn __repr__(&self) -> String {
@@ -486,9 +550,12 @@ impl PyPoints {
             "numbers",
             PyArray1::from_slice(py, &points.frames().numbers),
         )?;
+        let reports = clip.frames.iter().map(|f| f.board.as_ref().map(state_of));
+        state.set_item("reports", reports.collect::<Vec<_>>())?;
         state.set_item("frame_rate_hz", clip.frame_rate_hz)?;
         state.set_item("radar", &clip.radar)?;
         state.set_item("radar_height_m", clip.radar_height_m)?;
+        state.set_item("is_height_assumed", clip.is_height_assumed)?;
         state.set_item("source", clip.provenance.to_string())?;
         state.set_item("seed", clip.provenance.seed())?;
         state.set_item("settled", clip.clutter == Clutter::Settled)?;
@@ -511,22 +578,24 @@ impl PyPoints {
         let offsets: Vec<usize> = field(state, "offsets")?;
         let times_s: Vec<f64> = field(state, "times_s")?;
         let numbers: Vec<u32> = field(state, "numbers")?;
+        let reports: Vec<Option<ReportState>> = field(state, "reports")?;
         let (rows, rest) = values.as_chunks::<N_VALUES>();
         let fits = rest.is_empty()
             && offsets.first() == Some(&0)
             && offsets.last() == Some(&rows.len())
             && offsets.is_sorted()
             && times_s.len() == numbers.len()
-            && offsets.len() == times_s.len() + 1;
+            && offsets.len() == times_s.len() + 1
+            && reports.len() == times_s.len();
         if !fits {
             return Err(errors::input("no points: the lengths of the parts differ"));
         }
-        let frames = offsets.windows(2).zip(times_s).zip(numbers);
-        let frames = frames.map(|((ends, time_s), frame)| PointFrame {
+        let frames = offsets.windows(2).zip(times_s).zip(numbers).zip(reports);
+        let frames = frames.map(|(((ends, time_s), frame), report)| PointFrame {
             frame,
             time_s,
             points: rows[ends[0]..ends[1]].iter().map(point_of).collect(),
-            board: None,
+            board: report.map(report_of),
         });
         let source: String = field(state, "source")?;
         let Ok(parsed) = source.parse::<Provenance>();
@@ -535,6 +604,7 @@ impl PyPoints {
             frames: frames.collect(),
             frame_rate_hz: field(state, "frame_rate_hz")?,
             radar_height_m: field(state, "radar_height_m")?,
+            is_height_assumed: field(state, "is_height_assumed")?,
             radar: field(state, "radar")?,
             provenance: match parsed {
                 Provenance::Simulated { input, .. } => Provenance::Simulated {
@@ -649,6 +719,28 @@ fn points_of(index: usize, values: &Bound<'_, PyAny>) -> PyResult<Vec<RadarPoint
         )));
     }
     Ok(rows.iter().map(point_of).collect())
+}
+
+/// A report of a board as Python pickles it: number, place, height and velocity of each track, and presence.
+type ReportState = (Vec<(u32, [f32; 2], Option<f32>, [f32; 3])>, Option<bool>);
+
+fn state_of(report: &BoardReport) -> ReportState {
+    let tracks = report.tracks.iter();
+    let tracks = tracks.map(|t| (t.id, t.place_m, t.height_m, t.velocity_mps));
+    (tracks.collect(), report.is_present)
+}
+
+fn report_of((tracks, is_present): ReportState) -> BoardReport {
+    let track = |(id, place_m, height_m, velocity_mps)| BoardTrack {
+        id,
+        place_m,
+        height_m,
+        velocity_mps,
+    };
+    BoardReport {
+        tracks: tracks.into_iter().map(track).collect(),
+        is_present,
+    }
 }
 
 fn set_times(frames: &mut [PointFrame], times_s: &[f64]) -> PyResult<()> {

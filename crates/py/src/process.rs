@@ -8,7 +8,10 @@ use numpy::{
 use pyo3::prelude::*;
 use radarllm::{
     Clip, Clutter, DspOptions, Error, PointExtractor, PointFrame, Provenance, RadarConfig,
-    io::{ArrayDecoder, options::MAX_FRAMES},
+    io::{
+        ArrayDecoder,
+        options::{DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES},
+    },
 };
 use radarllm_base::RadarCube;
 
@@ -43,7 +46,7 @@ const FRAME: &str = "frame";
 /// >>> len(points)
 /// 3
 #[pyfunction]
-#[pyo3(signature = (cubes, *, radar, axes=None, processing=None, synthetic=None, source=None, seed=None, radar_height_m=1.0))]
+#[pyo3(signature = (cubes, *, radar, axes=None, processing=None, synthetic=None, source=None, seed=None, radar_height_m=None))]
 #[expect(clippy::too_many_arguments, reason = "all are keywords of Python")]
 pub(crate) fn process(
     cubes: &Bound<'_, PyAny>,
@@ -53,7 +56,7 @@ pub(crate) fn process(
     synthetic: Option<bool>,
     source: Option<String>,
     seed: Option<u64>,
-    radar_height_m: f32,
+    radar_height_m: Option<f32>,
 ) -> PyResult<PyPoints> {
     let py = cubes.py();
     if cubes.cast::<PyCapture>().is_ok() {
@@ -62,10 +65,8 @@ pub(crate) fn process(
             "capture.points(processing=...) does the same",
         ));
     }
-    if !radar_height_m.is_finite() {
-        return Err(errors::input(format!(
-            "`radar_height_m` is {radar_height_m}"
-        )));
+    if let Some(height_m) = radar_height_m.filter(|height_m| !height_m.is_finite()) {
+        return Err(errors::input(format!("`radar_height_m` is {height_m}")));
     }
     let provenance = provenance(synthetic, source, seed)?;
     let radar = radar.0.into_config().map_err(errors::to_py)?;
@@ -211,14 +212,15 @@ impl Chain {
         Ok(())
     }
 
-    fn finish(self, provenance: Provenance, radar_height_m: f32) -> PyResult<PyPoints> {
+    fn finish(self, provenance: Provenance, radar_height_m: Option<f32>) -> PyResult<PyPoints> {
         if self.frames.is_empty() {
             return Err(errors::input("process: no frame"));
         }
         Ok(PyPoints::from(Clip {
             frame_rate_hz: self.radar.frame_rate_hz(),
             frames: self.frames,
-            radar_height_m,
+            radar_height_m: radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: radar_height_m.is_none(),
             radar: self.radar.name,
             provenance,
             clutter: Clutter::Unchecked,

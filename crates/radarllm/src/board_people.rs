@@ -103,6 +103,7 @@ mod tests {
             frames: (0..100).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.5,
+            is_height_assumed: false,
             radar: "board".into(),
             provenance: "recorded:uart:x".parse().unwrap(),
             clutter: Clutter::Settled,

@@ -8,8 +8,11 @@ use radarllm_measure::Site;
 use radarllm_teach::{Memory, Recogniser};
 
 use crate::{
-    Choices, LongDescription, LongRecording, Model, findings::Findings,
-    gaps::describe_between_gaps, measured::Measured, taught::taught_segments,
+    Choices, LongDescription, LongRecording, Model,
+    findings::Findings,
+    gaps::describe_between_gaps,
+    measured::{Measured, unlearned_site},
+    taught::taught_segments,
 };
 
 /// Describes clips with a [`Model`], and with what its user adds: taught activities, or activities to choose among.
@@ -103,6 +106,19 @@ impl Captioner {
         &self.model
     }
 
+    /// Whether what is said of a clip is measured, and the model only guesses: the clip is a recording of a board that it did
+    /// not learn. Taught activities are recognised nevertheless.
+    pub fn measures(&self, clip: &Clip) -> bool {
+        self.measures && !self.knows_board(clip) && self.choices.is_none()
+    }
+
+    /// Whether the model learned recordings of the board of a clip, or the clip is simulated; also if the model does not say
+    /// what it learned.
+    pub fn knows_board(&self, clip: &Clip) -> bool {
+        let confidence = self.model.confidence();
+        confidence.is_none_or(|confidence| confidence.knows(clip))
+    }
+
     /// Describes a clip by a vote of drawn sentences. The clip is prepared for the model: resampled to its frame rate and, if recorded,
     /// without static clutter.
     ///
@@ -150,7 +166,7 @@ impl Captioner {
         let learned = recording.site.clone().and_then(std::result::Result::ok);
         let site = self.site.clone().or(learned).unwrap_or_else(|| {
             // What is learned of a part would not hold for the next one.
-            Site::unlearned(&recording.about.radar, recording.about.radar_height_m)
+            unlearned_site(&recording.about)
         });
         let mut long = LongDescription::default();
         let mut findings: Option<Findings> = None;
@@ -185,7 +201,7 @@ impl Captioner {
         site: Option<&Site>,
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
-        let is_learned = confidence.is_none_or(|confidence| confidence.knows(clip));
+        let is_learned = self.knows_board(clip);
         let is_known = !self.measures || is_learned;
         if let Some(site) = &self.site
             && !is_known
@@ -198,7 +214,7 @@ impl Captioner {
         }
         let mut findings = Findings::default();
         // What is measured holds for every board; the actions of the model hold for those that it learned.
-        let measures = !is_known && self.choices.is_none();
+        let measures = self.measures(clip);
         match measures.then(|| Measured::of(clip, site)) {
             Some(Measured::States(states)) => findings.states = Some(states),
             Some(Measured::InPoints(segments)) => findings.in_points = segments,

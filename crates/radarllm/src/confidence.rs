@@ -255,6 +255,7 @@ mod tests {
             frames: (0..100).map(frame).collect(),
             radar: "test".into(),
             radar_height_m: 1.0,
+            is_height_assumed: false,
             provenance: provenance.parse().unwrap(),
             clutter: Clutter::default(),
         }

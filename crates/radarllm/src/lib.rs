@@ -82,8 +82,8 @@ pub use radarllm_base::{
 };
 #[cfg(feature = "parquet")]
 pub use radarllm_dataset::{
-    Overwrite, PointsWriter, points_from_batches, points_to_batch, write_clip, write_points,
-    write_points_with,
+    Overwrite, PointsWriter, point_columns, points_from_batches, points_to_batch, write_clip,
+    write_points, write_points_with,
 };
 pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{

@@ -31,10 +31,8 @@ pub(crate) enum Measured {
 impl Measured {
     /// Measures a clip. The site is learned from the clip where none is known and somebody walks in it.
     pub(crate) fn of(clip: &Clip, site: Option<&Site>) -> Self {
-        let learned = || {
-            Site::learn(&clip.radar, &clip.frames)
-                .unwrap_or_else(|_| Site::unlearned(&clip.radar, clip.radar_height_m))
-        };
+        let learned =
+            || Site::learn(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
         let site = site.cloned().unwrap_or_else(learned);
         match measure(&clip.frames, &site) {
             Some(states) => Self::States(states),
@@ -44,6 +42,14 @@ impl Measured {
                 Self::InPoints(segments)
             }
         }
+    }
+}
+
+/// The site of a clip from which nothing can be learned.
+pub(crate) fn unlearned_site(clip: &Clip) -> Site {
+    match clip.is_height_assumed {
+        true => Site::assumed(&clip.radar, clip.radar_height_m),
+        false => Site::unlearned(&clip.radar, clip.radar_height_m),
     }
 }
 
@@ -126,7 +132,7 @@ fn join(times: &mut Vec<[f64; 2]>) {
 fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     // Nobody is followed through a time without frames.
     let people = clip.frames.chunk_by(follows).flat_map(people_in_points);
-    let site = Site::unlearned(&clip.radar, clip.radar_height_m);
+    let site = unlearned_site(clip);
     let mut states: Vec<State> = people
         .filter(|p| p.length_s() >= MIN_TRACKED_S)
         .flat_map(|p| states_of(&p, &site, &[]))
@@ -211,6 +217,7 @@ mod tests {
             frames: (0..100).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "board".into(),
             provenance: "recorded:csv:x".parse().unwrap(),
             clutter: Clutter::Settled,

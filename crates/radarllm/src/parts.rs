@@ -159,20 +159,21 @@ pub(crate) fn is_read_twice(opened: &Opened) -> bool {
 /// What is learned while a long recording is read for the first time.
 #[derive(Default)]
 struct Survey {
-    reports: bool,
+    has_tracks: bool,
     learner: SiteLearner,
 }
 
 impl Survey {
     fn add(&mut self, frames: &[PointFrame]) {
-        if frames.iter().any(|f| f.board.is_some()) {
-            self.reports = true;
+        let mut reports = frames.iter().flat_map(|f| &f.board);
+        if reports.any(|report| !report.tracks.is_empty()) {
+            self.has_tracks = true;
             self.learner.add(frames);
         }
     }
 
     fn site(&self, radar: &str) -> Option<std::result::Result<Site, SiteError>> {
-        self.reports.then(|| self.learner.site(radar))
+        self.has_tracks.then(|| self.learner.site(radar))
     }
 }
 
@@ -364,6 +365,7 @@ mod tests {
             frames: (0..n_frames).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "board".into(),
             provenance: "recorded:csv:x".parse().unwrap(),
             clutter: Clutter::Unchecked,

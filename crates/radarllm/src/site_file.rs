@@ -62,6 +62,7 @@ pub fn read_site(path: &Path) -> Result<Site> {
         tilt_rad: file.tilt_deg.to_radians(),
         standing_m: file.standing_m,
         walking_s: file.walking_s.max(0.0),
+        is_height_assumed: false,
     })
 }
 
@@ -78,6 +79,7 @@ mod tests {
             tilt_rad: 0.2,
             standing_m: -0.3,
             walking_s: 42.0,
+            is_height_assumed: false,
         };
         let text = site_to_toml(&site).unwrap();
         std::fs::write(&path, &text).unwrap();

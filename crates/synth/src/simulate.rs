@@ -77,13 +77,19 @@ pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
     }
     let path = Path::new(input);
     let loaded = load_motion_file(path).map_err(|e| {
-        let kind = match path.exists() {
-            true => ErrorKind::Input,
-            false => ErrorKind::NotFound,
+        let (kind, hint) = if !path.exists() {
+            let hint = "there is no such file, folder or port; built-in motions are builtin:NAME";
+            (ErrorKind::NotFound, hint)
+        } else if path.is_dir() {
+            let hint = "of folders, those of TI's visualizers (replay_1.json, ...), of raw captures and of single frames \
+                        are read as one recording; name the files of other folders";
+            (ErrorKind::Input, hint)
+        } else {
+            let hint = "recordings: --format names the format of one that is not recognised; motions: .bvh, .amc (with \
+                        its .asf), AMASS .npz, HumanML3D .npy, or builtin:NAME";
+            (ErrorKind::Input, hint)
         };
-        Error::wrap(e).of_kind(kind).naming(path).with_hint(
-            "motions: .bvh, .amc (with its .asf), AMASS .npz, HumanML3D .npy, or builtin:NAME",
-        )
+        Error::wrap(e).of_kind(kind).naming(path).with_hint(hint)
     })?;
     let info = MotionInfo {
         format: loaded.format.to_string(),

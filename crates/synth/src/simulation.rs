@@ -191,6 +191,7 @@ impl Simulation {
             frames,
             frame_rate_hz: radar.frame_rate_hz(),
             radar_height_m: self.radar_height_m,
+            is_height_assumed: false,
             radar: radar.name.clone(),
             provenance: Provenance::simulated(&self.input, self.seed),
             clutter: match self.firmware {

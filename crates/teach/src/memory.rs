@@ -193,6 +193,16 @@ pub enum Warning {
         /// The activity that it resembles.
         other: String,
     },
+    /// No other activity was taught by examples of this kind, events of a few seconds or what goes on for longer.
+    #[error(
+        "`{name}` is the only activity that was taught by such recordings, so that {what_happens}: teach also what else happens there, by three recordings each"
+    )]
+    OnlyActivity {
+        /// Name of the activity.
+        name: String,
+        /// What comes of it.
+        what_happens: &'static str,
+    },
 }
 
 impl Default for Memory {
@@ -498,6 +508,7 @@ mod tests {
             frames: (0..100).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: radar.into(),
             provenance: Provenance::recorded("csv", source),
             clutter: Clutter::Settled,
@@ -619,11 +630,13 @@ mod tests {
                 .teach("lie", "a person lies", &clip(source, "isk", height_m))
                 .unwrap();
         }
-        assert_eq!(memory.contradictions(), []);
+        assert_eq!(memory.doubts(), []);
+        let alone = |w: &Warning| matches!(w, Warning::OnlyActivity { name, .. } if name == "sit");
+        assert!(matches!(&taught().doubts()[..], [one] if alone(one)));
         memory
             .teach("lie", "a person lies", &clip("g", "isk", 0.11))
             .unwrap();
-        let found = memory.contradictions();
+        let found = memory.doubts();
         let wrong = |w: &Warning| matches!(w, Warning::Contradiction { recording, other, .. } if recording == "g" && other == "sit");
         assert!(found.iter().any(wrong), "{found:?}");
     }

@@ -363,9 +363,21 @@ impl Known {
 }
 
 impl Memory {
-    /// Examples that resemble another activity more than their own, each compared with a memory that lacks it.
-    pub fn contradictions(&self) -> Vec<Warning> {
+    /// Examples that resemble another activity more than their own, each compared with a memory that lacks it, and
+    /// activities that have no other one of their kind to be told apart from.
+    pub fn doubts(&self) -> Vec<Warning> {
         let mut found = Vec::new();
+        for is_short in [false, true] {
+            if let [only] = self.of_length(is_short).activities() {
+                found.push(Warning::OnlyActivity {
+                    name: only.name.clone(),
+                    what_happens: match is_short {
+                        true => "nearly everything as short is taken for it",
+                        false => "little but its examples is recognised",
+                    },
+                });
+            }
+        }
         for taught in self.activities() {
             for (i, example) in taught.examples.iter().enumerate() {
                 if taught.examples.len() < 2 {
@@ -562,6 +574,7 @@ mod tests {
             frames: (0..24).map(&mut frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "iwr6843isk".into(),
             provenance: "recorded:csv:room.csv".parse().unwrap(),
             clutter: Clutter::Settled,

@@ -230,6 +230,7 @@ mod tests {
             frames: (0..40).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "unknown".into(),
             provenance: Provenance::recorded("uart", "room.dat"),
             clutter: Clutter::Unchecked,

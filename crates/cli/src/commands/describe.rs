@@ -248,18 +248,25 @@ fn note_gaps(input: &str, gaps: &[[f64; 2]], detail: Detail) {
 
 /// What a recording shows of its site; `None` if no board tracks people in it.
 fn site_of(clip: &Clip) -> Option<Result<Site, SiteError>> {
-    let has_reports = clip.frames.iter().any(|f| f.board.is_some());
-    has_reports.then(|| Site::learn(&clip.radar, &clip.frames))
+    let mut reports = clip.frames.iter().flat_map(|f| &f.board);
+    let has_tracks = reports.any(|report| !report.tracks.is_empty());
+    has_tracks.then(|| Site::learn(&clip.radar, &clip.frames))
 }
 
 /// Says why postures of a recording in which a board tracks people are less sure, if they are.
-fn doubt_about_site(input: &str, site: Option<Result<Site, SiteError>>) {
+fn doubt_about_site(input: &str, site: Option<Result<Site, SiteError>>, about: &Clip) {
     let Some(Err(error)) = site else {
         return;
     };
     match error {
         SiteError::NoHeights => {
             note!("warning: {input}: the board tracks no heights: postures are not told");
+        }
+        error if about.is_height_assumed => {
+            note!(
+                "warning: {input}: {error} to learn the site, and the height of the radar is not stated: postures are told \
+                 only where they leave no doubt (--radar-height-m states it, `radarllm site` learns it from other recordings)"
+            );
         }
         error => {
             note!(
@@ -472,9 +479,16 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     };
     let clips_of = |input: &String, recording: Recording| {
         if args.site.is_none() {
-            doubt_about_site(input, site_of(&recording.clip));
+            doubt_about_site(input, site_of(&recording.clip), &recording.clip);
         }
         let clip = prepared(input, &recording, detail)?;
+        let asks_model = instruction.is_some() || !args.choose.is_empty();
+        if asks_model && !captioner.knows_board(&clip) {
+            note!(
+                "warning: {input}: the model did not learn this board: its answer is a guess, and nearly always wrong; without \
+                 --choose and --instruct, what is measured is stated"
+            );
+        }
         clips_of_people(input, clip, &args.people)
     };
     if let Some((text, instruction)) = &instruction {
@@ -504,7 +518,7 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                 Input::Whole(recording) => *recording,
                 Input::Long(long) => {
                     if args.site.is_none() {
-                        doubt_about_site(input, long.site.clone());
+                        doubt_about_site(input, long.site.clone(), &long.about);
                     }
                     let progress = (args.inputs.len() == 1).then(|| Progress::new(input));
                     let row =

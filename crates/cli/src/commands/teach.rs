@@ -92,7 +92,7 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
         }
         Ok(memory.clone())
     })?;
-    for warning in memory.contradictions() {
+    for warning in memory.doubts() {
         note!("warning: {warning}");
     }
     let taught = memory.activities().iter().find(|a| a.name == name);

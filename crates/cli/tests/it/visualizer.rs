@@ -56,6 +56,24 @@ fn recorded(folder: &Path) -> PathBuf {
     inside
 }
 
+/// Without a track in the whole recording, the demo says that the board tracks people; a room whose points move may have lost
+/// its tracks (the test below).
+#[test]
+fn an_empty_room_before_a_demo_that_tracks_people_is_nobody() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut empty: serde_json::Value = serde_json::from_str(&replay(0, 60, WALL_CFG)).unwrap();
+    for frame in empty["data"].as_array_mut().unwrap() {
+        frame["frameData"]["pointCloud"] = serde_json::json!([]);
+    }
+    fs::write(folder.path().join("replay_1.json"), empty.to_string()).unwrap();
+    let described = json_lines(&["describe", text(folder.path()), "--json"]);
+    assert_eq!(described[0]["caption"], "no person seen", "{described}");
+    assert_eq!(
+        described[0]["reason"], "the board tracks nobody",
+        "{described}"
+    );
+}
+
 #[test]
 fn a_visualizer_folder_is_one_recording() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,6 +3,7 @@
 pub mod points_file;
 pub mod shard;
 
+mod board_columns;
 pub mod builder;
 pub mod dataset;
 pub mod export;
@@ -28,7 +29,7 @@ pub use export::export;
 pub use info::Info;
 pub use manifest::{Manifest, ShardEntry, SourceLicence};
 pub use points_file::{
-    PointsReader, PointsWriter, points_from_batches, points_to_batch, read_points,
+    PointsReader, PointsWriter, point_columns, points_from_batches, points_to_batch, read_points,
     read_points_from, write_clip, write_points, write_points_with,
 };
 pub use shard::Columns;

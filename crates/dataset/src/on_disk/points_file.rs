@@ -3,6 +3,10 @@
 //! Columns `frame` u32, `t_s` f64, then `x_m, y_m, z_m, range_m, velocity_mps, intensity_db` f32.
 //! Axes: x right, y away from the radar, z up. The velocity is positive when receding. Properties of
 //! the whole file are in the key-value metadata, see [`PointsMeta`].
+//!
+//! What the board itself states of the frames, such as the people whom it tracks, is in two more columns
+//! ([`super::board_columns`]), which only recordings have whose board can state something. A frame without points has a row
+//! there if the board stated something; its values of points are null.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::File;
@@ -12,7 +16,7 @@ use std::sync::Arc;
 
 use arrow_array::{
     Array, ArrayRef, ArrowPrimitiveType, Float32Array, Float64Array, RecordBatch,
-    RecordBatchReader as _, UInt32Array, types,
+    RecordBatchReader as _, UInt32Array, builder::Float32Builder, types,
 };
 use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
@@ -20,9 +24,10 @@ use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchR
 use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use radarllm_base::{Clip, PointFrame, RadarPoint, stats::median_upper};
+use radarllm_base::{BoardReport, Clip, PointFrame, RadarPoint, stats::median_upper};
 
 use super::atomic::write_atomic;
+use super::board_columns::{self, BoardBuilder, BoardColumns};
 use super::guard::{self, Limits};
 use crate::{DatasetError, Overwrite, PointsFile, PointsMeta};
 
@@ -76,24 +81,40 @@ pub fn write_points(
     frames: &[PointFrame],
     overwrite: Overwrite,
 ) -> Result<(), DatasetError> {
-    write_points_with(path, meta, overwrite, |writer| {
+    write_frames(path, meta, with_board(meta, frames), overwrite, |writer| {
         frames.iter().try_for_each(|frame| writer.write(frame))
     })
+}
+
+/// Whether the columns of a board are needed.
+fn with_board(meta: &PointsMeta, frames: &[PointFrame]) -> bool {
+    meta.board_can_report() || frames.iter().any(|frame| frame.board.is_some())
 }
 
 /// As [`write_points`], of frames that `write` hands over one by one, so that memory for all of them is not needed.
 ///
 /// # Errors
-/// As [`write_points`], and those of `write`. The file is not written then.
+/// As [`write_points`], and those of `write`; also a frame with a report of its board if recordings of this source have none
+/// ([`PointsMeta::board_can_report`]). The file is not written then.
 pub fn write_points_with<E: From<DatasetError>>(
     path: &Path,
     meta: &PointsMeta,
     overwrite: Overwrite,
     write: impl FnOnce(&mut PointsWriter<'_>) -> Result<(), E>,
 ) -> Result<(), E> {
+    write_frames(path, meta, meta.board_can_report(), overwrite, write)
+}
+
+fn write_frames<E: From<DatasetError>>(
+    path: &Path,
+    meta: &PointsMeta,
+    with_board: bool,
+    overwrite: Overwrite,
+    write: impl FnOnce(&mut PointsWriter<'_>) -> Result<(), E>,
+) -> Result<(), E> {
     check_meta(path, meta)?;
     write_atomic(path, overwrite, |file| {
-        let mut writer = PointsWriter::new(path, file)?;
+        let mut writer = PointsWriter::new(path, file, with_board)?;
         write(&mut writer)?;
         Ok(writer.finish(meta)?)
     })
@@ -108,7 +129,7 @@ pub struct PointsWriter<'a> {
 }
 
 impl<'a> PointsWriter<'a> {
-    fn new(path: &'a Path, file: &'a mut File) -> Result<Self, DatasetError> {
+    fn new(path: &'a Path, file: &'a mut File, with_board: bool) -> Result<Self, DatasetError> {
         let mut properties = WriterProperties::builder()
             .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
             .set_compression(Compression::SNAPPY)
@@ -116,12 +137,13 @@ impl<'a> PointsWriter<'a> {
         for name in PLACE_COLUMNS {
             properties = properties.set_column_dictionary_enabled(name.into(), false);
         }
-        let writer = ArrowWriter::try_new(file, points_schema(), Some(properties.build()))
+        let schema = points_schema(with_board);
+        let writer = ArrowWriter::try_new(file, schema, Some(properties.build()))
             .map_err(|e| DatasetError::of_writing(path, e))?;
         Ok(Self {
             path,
             writer,
-            columns: Columns::default(),
+            columns: Columns::new(with_board),
             span: FrameSpan::default(),
         })
     }
@@ -132,8 +154,9 @@ impl<'a> PointsWriter<'a> {
     /// A frame out of order, values that are not finite, more than 20 M points or 2 M frames, or a file system error.
     pub fn write(&mut self, frame: &PointFrame) -> Result<(), DatasetError> {
         self.span.add(self.path, frame)?;
-        for point in &frame.points {
-            self.columns.push(frame, point);
+        self.columns.check(self.path, frame)?;
+        for row in rows_of(frame) {
+            self.columns.push(frame, row);
             if self.columns.frames.len() == WRITTEN_ROWS {
                 self.write_rows()?;
             }
@@ -142,7 +165,8 @@ impl<'a> PointsWriter<'a> {
     }
 
     fn write_rows(&mut self) -> Result<(), DatasetError> {
-        let batch = std::mem::take(&mut self.columns).into_batch();
+        let next = Columns::new(self.columns.board.is_some());
+        let batch = std::mem::replace(&mut self.columns, next).into_batch();
         let batch = batch.map_err(|e| DatasetError::corrupt(self.path, e))?;
         let written = self.writer.write(&batch);
         written.map_err(|e| DatasetError::of_writing(self.path, e))
@@ -174,11 +198,11 @@ pub fn points_to_batch(
     let name = Path::new("points");
     check_meta(name, meta)?;
     let mut span = FrameSpan::default();
-    let mut columns = Columns::default();
+    let mut columns = Columns::new(with_board(meta, frames));
     for frame in frames {
         span.add(name, frame)?;
-        let points = frame.points.iter();
-        points.for_each(|point| columns.push(frame, point));
+        columns.check(name, frame)?;
+        rows_of(frame).for_each(|row| columns.push(frame, row));
     }
     let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
     let batch = columns.into_batch().map_err(corrupt)?;
@@ -188,6 +212,32 @@ pub fn points_to_batch(
         .collect();
     let schema = batch.schema().as_ref().clone().with_metadata(metadata);
     batch.with_schema(Arc::new(schema)).map_err(corrupt)
+}
+
+/// The points of frames alone as an Arrow batch, a row for each point: the columns of a points file without those of a board.
+///
+/// # Errors
+/// As [`points_to_batch`].
+pub fn point_columns(
+    meta: &PointsMeta,
+    frames: &[PointFrame],
+) -> Result<RecordBatch, DatasetError> {
+    let name = Path::new("points");
+    check_meta(name, meta)?;
+    let mut span = FrameSpan::default();
+    let mut columns = Columns::new(false);
+    for frame in frames {
+        span.add(name, frame)?;
+        for point in &frame.points {
+            let row = Row {
+                point: Some(point),
+                board: None,
+            };
+            columns.push(frame, row);
+        }
+    }
+    let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
+    columns.into_batch().map_err(corrupt)
 }
 
 /// Points from Arrow batches with the columns of a points file, of any program. `metadata` is that of their schema, or
@@ -317,7 +367,7 @@ struct FrameSpan {
     last: Option<(u32, f64)>,
     /// Number of the last frame + 1.
     n_frames: u64,
-    /// Number of points.
+    /// Number of rows.
     n_rows: u64,
     /// Numbers between 0 and the last frame that no frame has, as `3,7-9`.
     missing: String,
@@ -362,7 +412,11 @@ impl FrameSpan {
                 return value(row, column, format!("is {v}"));
             }
         }
-        self.n_rows += frame.points.len() as u64;
+        if let Some((member, v)) = frame.board.as_ref().and_then(board_columns::not_finite) {
+            let problem = format!("frame {number}: {member} is {v}");
+            return value(self.n_rows, board_columns::TRACKS, problem);
+        }
+        self.n_rows += rows_of(frame).count() as u64;
         if self.n_rows > LIMITS.rows {
             return limit("number of points", self.n_rows, LIMITS.rows);
         }
@@ -409,42 +463,110 @@ fn parse_missing(text: &str, n_frames: u64) -> Option<Vec<(u64, u64)>> {
     Some(ranges)
 }
 
-fn points_schema() -> Arc<Schema> {
+/// A row of a frame: a point, and in the first one what the board states.
+struct Row<'a> {
+    point: Option<&'a RadarPoint>,
+    board: Option<&'a BoardReport>,
+}
+
+/// The rows of a frame. Without points it has one if the board states something.
+fn rows_of(frame: &PointFrame) -> impl Iterator<Item = Row<'_>> {
+    let board = frame.board.as_ref();
+    let points = frame.points.iter().enumerate().map(move |(i, point)| Row {
+        point: Some(point),
+        board: board.filter(|_| i == 0),
+    });
+    let alone = board.filter(|_| frame.points.is_empty());
+    points.chain(alone.map(|board| Row {
+        point: None,
+        board: Some(board),
+    }))
+}
+
+fn points_schema(with_board: bool) -> Arc<Schema> {
     let mut fields = vec![
         Field::new("frame", DataType::UInt32, false),
         Field::new("t_s", DataType::Float64, false),
     ];
     let values = VALUE_COLUMNS.into_iter();
-    fields.extend(values.map(|name| Field::new(name, DataType::Float32, false)));
+    fields.extend(values.map(|name| Field::new(name, DataType::Float32, with_board)));
+    if with_board {
+        fields.extend(board_columns::fields());
+    }
     Arc::new(Schema::new(fields))
 }
 
 /// Rows of a points file that are not written yet.
-#[derive(Default)]
 struct Columns {
     frames: Vec<u32>,
     times_s: Vec<f64>,
     values: [Vec<f32>; VALUE_COLUMNS.len()],
+    board: Option<BoardRows>,
+}
+
+/// What a board states in rows, and whether they are points.
+#[derive(Default)]
+struct BoardRows {
+    builder: BoardBuilder,
+    are_points: Vec<bool>,
 }
 
 impl Columns {
-    fn push(&mut self, frame: &PointFrame, point: &RadarPoint) {
+    fn new(with_board: bool) -> Self {
+        Self {
+            frames: Vec::new(),
+            times_s: Vec::new(),
+            values: Default::default(),
+            board: with_board.then(BoardRows::default),
+        }
+    }
+
+    /// Refuses a report of a board where the source of the recording says that there are none.
+    fn check(&self, path: &Path, frame: &PointFrame) -> Result<(), DatasetError> {
+        match (&self.board, &frame.board) {
+            (None, Some(_)) => Err(DatasetError::Metadata {
+                path: path.into(),
+                field: "source".into(),
+                problem: format!(
+                    "no recording whose board reports more than points, but frame {} has such a report",
+                    frame.frame
+                ),
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    fn push(&mut self, frame: &PointFrame, row: Row) {
         self.frames.push(frame.frame);
         self.times_s.push(frame.time_s);
-        for (column, value) in self.values.iter_mut().zip(fields_of(point)) {
+        let fields = row.point.map_or([0.0; VALUE_COLUMNS.len()], fields_of);
+        for (column, value) in self.values.iter_mut().zip(fields) {
             column.push(value);
+        }
+        if let Some(board) = &mut self.board {
+            board.builder.push(row.board);
+            board.are_points.push(row.point.is_some());
         }
     }
 
     fn into_batch(self) -> Result<RecordBatch, arrow_schema::ArrowError> {
+        let schema = points_schema(self.board.is_some());
         let mut columns: Vec<ArrayRef> = vec![
             Arc::new(UInt32Array::from(self.frames)),
             Arc::new(Float64Array::from(self.times_s)),
         ];
         for column in self.values {
-            columns.push(Arc::new(Float32Array::from(column)));
+            columns.push(match &self.board {
+                Some(board) => {
+                    let mut values = Float32Builder::with_capacity(column.len());
+                    values.append_values(&column, &board.are_points);
+                    Arc::new(values.finish())
+                }
+                None => Arc::new(Float32Array::from(column)),
+            });
         }
-        RecordBatch::try_new(points_schema(), columns)
+        columns.extend(self.board.into_iter().flat_map(|b| b.builder.finish()));
+        RecordBatch::try_new(schema, columns)
     }
 }
 
@@ -454,11 +576,12 @@ fn append_batch(
     first_row: u64,
     frames: &mut Vec<PointFrame>,
 ) -> Result<(), DatasetError> {
-    let number = numbers(path, batch, "frame", first_row)?;
-    let time_s = numbers(path, batch, "t_s", first_row)?;
+    let board = BoardColumns::of(path, batch, first_row)?;
+    let number = numbers(path, batch, "frame", first_row, false)?;
+    let time_s = numbers(path, batch, "t_s", first_row, false)?;
     let mut values = Vec::with_capacity(VALUE_COLUMNS.len());
     for name in VALUE_COLUMNS {
-        values.push(numbers(path, batch, name, first_row)?);
+        values.push(numbers(path, batch, name, first_row, board.is_some())?);
     }
     for row in 0..batch.num_rows() {
         let bad = |column: &str, problem: String| DatasetError::Value {
@@ -502,14 +625,30 @@ fn append_batch(
                 board: None,
             }),
         }
+        let report = board.as_ref().map_or(Ok(None), |board| board.at(row))?;
+        let has_report = report.is_some();
+        if let (Some(report), Some(last)) = (report, frames.last_mut()) {
+            if last.board.is_some() || !last.points.is_empty() {
+                let problem = format!("frame {frame} has one already, or points before it");
+                return Err(bad(board_columns::TRACKS, problem));
+            }
+            last.board = Some(report);
+        }
+        if values.iter().all(|column| column[row].is_nan()) {
+            if !has_report {
+                return Err(bad(VALUE_COLUMNS[0], "is null".into()));
+            }
+            continue;
+        }
         let mut v = [0.0_f32; 6];
         for (i, column) in values.iter().enumerate() {
             v[i] = column[row] as f32;
             if !v[i].is_finite() {
-                return Err(bad(
-                    VALUE_COLUMNS[i],
-                    format!("{} does not fit a 32-bit float", column[row]),
-                ));
+                let problem = match column[row].is_nan() {
+                    true => "is null".into(),
+                    false => format!("{} does not fit a 32-bit float", column[row]),
+                };
+                return Err(bad(VALUE_COLUMNS[i], problem));
             }
         }
         if let Some(last) = frames.last_mut() {
@@ -526,12 +665,14 @@ fn append_batch(
     Ok(())
 }
 
-/// A numeric column as f64, finite and without nulls. f64 holds every f32, i32 and u32 exactly.
+/// A numeric column as f64. f64 holds every f32, i32 and u32 exactly. All values are finite; nulls, if there may be some, are
+/// NaN.
 fn numbers(
     path: &Path,
     batch: &RecordBatch,
     name: &str,
     first_row: u64,
+    may_be_null: bool,
 ) -> Result<Vec<f64>, DatasetError> {
     let expected = match name {
         "frame" => "a 32-bit unsigned integer",
@@ -552,10 +693,11 @@ fn numbers(
         row: first_row + row as u64,
         problem,
     };
-    if let Some(row) = (0..column.len()).find(|&row| column.is_null(row)) {
+    let is_null = |row: usize| column.is_null(row);
+    if let Some(row) = (0..column.len()).find(|&row| !may_be_null && is_null(row)) {
         return Err(bad(row, "is null".into()));
     }
-    let values = match column.data_type() {
+    let mut values = match column.data_type() {
         DataType::Float32 => primitive::<types::Float32Type>(column, f64::from),
         DataType::Float64 => primitive::<types::Float64Type>(column, |v| v),
         DataType::Int32 => primitive::<types::Int32Type>(column, f64::from),
@@ -570,10 +712,16 @@ fn numbers(
         expected: expected.into(),
         found: column.data_type().to_string(),
     })?;
-    match values.iter().position(|v| !v.is_finite()) {
-        Some(row) => Err(bad(row, format!("is {}", values[row]))),
-        None => Ok(values),
+    let not_finite = (0..values.len()).find(|&row| !values[row].is_finite() && !is_null(row));
+    if let Some(row) = not_finite {
+        return Err(bad(row, format!("is {}", values[row])));
     }
+    for (row, value) in values.iter_mut().enumerate() {
+        if is_null(row) {
+            *value = f64::NAN;
+        }
+    }
+    Ok(values)
 }
 
 fn primitive<T: ArrowPrimitiveType>(

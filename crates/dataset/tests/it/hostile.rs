@@ -1,5 +1,6 @@
 //! Damaged files give errors: no panic, no abort, no endless loop.
 
+use radarllm_base::{BoardReport, BoardTrack};
 use radarllm_dataset::shard::ShardReader;
 use radarllm_dataset::{Columns, Overwrite, PointsMeta, build, write_points};
 
@@ -36,13 +37,21 @@ fn damaged_points_files_never_panic() {
         radar_height_m: None,
         frame_rate_hz: 10.0,
     };
-    write_points(
-        &path,
-        &meta,
-        &frames(&mut Draw::new(1), 20),
-        Overwrite::Refuse,
-    )
-    .unwrap();
+    let mut frames = frames(&mut Draw::new(1), 20);
+    // Half of the frames have a report of the board, one with a track in a plane.
+    for frame in frames.iter_mut().step_by(2) {
+        let track = BoardTrack {
+            id: frame.frame,
+            place_m: [0.5, 2.0],
+            height_m: (frame.frame > 3).then_some(0.4),
+            velocity_mps: [0.1, 0.2, 0.3],
+        };
+        frame.board = Some(BoardReport {
+            tracks: vec![track; frame.frame as usize % 3],
+            is_present: Some(true),
+        });
+    }
+    write_points(&path, &meta, &frames, Overwrite::Refuse).unwrap();
     let sound = std::fs::read(&path).unwrap();
     let mut n_errors = 0;
     for seed in 0..1500 {

@@ -582,6 +582,7 @@ pub(crate) fn take_clip(record: &mut ClipRecord, frame_rate_hz: f64) -> Clip {
         frames: std::mem::take(&mut record.frames),
         frame_rate_hz,
         radar_height_m: record.radar_height_m,
+        is_height_assumed: false,
         radar: record.radar.clone(),
         provenance: match record.source == RECORDINGS {
             true => Provenance::recorded("dataset", &record.id),
@@ -637,6 +638,7 @@ pub(crate) mod tests {
                 frames: Vec::new(),
                 frame_rate_hz: 10.0,
                 radar_height_m: 1.0,
+                is_height_assumed: false,
                 radar: "awr1843boost".into(),
                 provenance: Provenance::simulated(id, 1),
                 clutter: Clutter::Settled,

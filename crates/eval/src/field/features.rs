@@ -143,6 +143,7 @@ mod tests {
             frames: (0..(seconds * 10.0) as usize).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "test".into(),
             provenance: Provenance::recorded("csv", "test.csv"),
             clutter: Clutter::Settled,

@@ -162,6 +162,7 @@ fn clip(record: &ClipRecord, frame_rate_hz: f64, copy: usize, seed: u64) -> Clip
         frames,
         frame_rate_hz,
         radar_height_m: record.radar_height_m,
+        is_height_assumed: false,
         radar: record.radar.clone(),
         provenance: Provenance::simulated(&record.id, record.seed),
         clutter: Clutter::Settled,

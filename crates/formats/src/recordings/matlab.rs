@@ -141,6 +141,8 @@ pub struct MatlabRecording {
     pub frames_damaged: u64,
     /// Notes for the user.
     pub notes: Vec<String>,
+    /// Whether it is a file of the data set MARS.
+    pub is_mars: bool,
 }
 
 /// Reads points in the format of MARS-like recorders: a variable `marsData` of shape (frames, 64, 5), whose last axis
@@ -235,6 +237,7 @@ fn mars_recording(array: &MatArray) -> Result<MatlabRecording, RecordingError> {
     }
     Ok(MatlabRecording {
         frames,
+        is_mars: true,
         ..MatlabRecording::default()
     })
 }

@@ -817,12 +817,22 @@ pub fn actions(text: &str) -> Vec<&'static str> {
 
 /// Number of segments that a summary names.
 const N_SUMMARY: usize = 4;
+/// Name of the action of somebody who falls.
+const FALL: &str = "fall";
 
-/// One sentence about several segments: the longest ones, in order of time.
+/// One sentence about several segments: the longest ones, in order of time, falls before all others.
 fn summary(segments: &[Segment]) -> String {
-    let mut kept: Vec<&Segment> = segments.iter().collect();
-    kept.sort_by(|a, b| (b.end_s - b.start_s).total_cmp(&(a.end_s - a.start_s)));
-    kept.truncate(N_SUMMARY);
+    let by_length =
+        |a: &&Segment, b: &&Segment| (b.end_s - b.start_s).total_cmp(&(a.end_s - a.start_s));
+    let states_a_fall = |s: &&Segment| s.actions.contains(&FALL);
+    let (mut kept, mut others): (Vec<&Segment>, Vec<&Segment>) =
+        segments.iter().partition(states_a_fall);
+    kept.sort_by(by_length);
+    others.sort_by(by_length);
+    // Something else remains beside many falls.
+    kept.truncate(N_SUMMARY - usize::from(!others.is_empty()));
+    others.truncate(N_SUMMARY - kept.len());
+    kept.extend(others);
     kept.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     kept.dedup_by(|a, b| a.caption == b.caption);
     let mut text = String::new();
@@ -850,6 +860,43 @@ fn equal_windows(frames: &[PointFrame]) -> impl Iterator<Item = &[PointFrame]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_summary_of_many_segments_names_falls_before_longer_ones() {
+        let segment = |start_s: f64, end_s: f64, caption: &str| Segment {
+            start_s,
+            end_s,
+            caption: caption.into(),
+            actions: actions(caption),
+            confidence: 0.5,
+            side_confidence: None,
+            taught: None,
+            guess: None,
+        };
+        let walks = |i: u32| {
+            segment(
+                f64::from(i) * 10.0,
+                f64::from(i) * 10.0 + 9.0,
+                &format!("a person walks {i} m away"),
+            )
+        };
+        let mut segments: Vec<Segment> = (0..6).map(walks).collect();
+        segments.insert(3, segment(29.0, 30.0, "a person falls 1.0 m away"));
+        let text = summary(&segments);
+        assert!(text.contains("falls 1.0 m away"), "{text}");
+        assert_eq!(text.matches(", then ").count(), 3, "{text}");
+        for i in 0..5 {
+            let start_s = 100.0 + f64::from(i);
+            segments.push(segment(
+                start_s,
+                start_s + 1.0,
+                &format!("a person falls 2.{i} m away"),
+            ));
+        }
+        let text = summary(&segments);
+        assert_eq!(text.matches("falls").count(), 3, "{text}");
+        assert!(text.contains("walks"), "{text}");
+    }
 
     #[test]
     fn windows_are_equal_whole_and_complete() {

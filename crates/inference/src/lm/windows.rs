@@ -355,6 +355,7 @@ mod tests {
             frames: (0..n_frames).map(frame).collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "test".into(),
             provenance: "recorded:csv:x".parse().unwrap(),
             clutter: Clutter::Settled,

@@ -167,6 +167,7 @@ impl PointDecoder {
             frames: per_frame.enumerate().map(frame).collect(),
             frame_rate_hz: f64::from(FRAME_RATE_HZ),
             radar_height_m,
+            is_height_assumed: false,
             radar: GENERATED_RADAR.into(),
             provenance: Provenance::Simulated {
                 input: origin.into(),

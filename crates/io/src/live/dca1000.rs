@@ -167,6 +167,7 @@ impl Dca1000 {
                 frame_period_s: config.frame_period_s,
                 radar: config.name.clone(),
                 radar_height_m: capture.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+                is_height_assumed: capture.radar_height_m.is_none(),
                 clutter: points.clutter(),
                 provenance: Provenance::Recorded {
                     format: None,

@@ -169,13 +169,14 @@ impl TiBoard {
         let position = radar.and_then(|r| r.points.position);
         let mounting: Mounting = mounting(points, position, &mut notes)?;
         let background = cleaning::point_background(&capture)?;
+        let height_m = capture
+            .radar_height_m
+            .or(position.map(|p| p.height_m as f32));
         let about = SourceInfo {
             frame_period_s: 1.0 / frame_rate_hz,
             radar: radar_name(RecordingFormat::Uart, radar),
-            radar_height_m: capture
-                .radar_height_m
-                .or(position.map(|p| p.height_m as f32))
-                .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            is_height_assumed: height_m.is_none(),
             clutter: points.clutter(),
             provenance: Provenance::recorded(RecordingFormat::Uart.name(), data.display()),
         };

@@ -392,6 +392,7 @@ impl LiveSource for Radar {
             frame_period_s: 1.0 / RATE_HZ,
             radar: radarllm::DEFAULT_RADAR.into(),
             radar_height_m: RADAR_M,
+            is_height_assumed: false,
             clutter: Clutter::Settled,
             provenance: Provenance::simulated("soak", 23),
         }

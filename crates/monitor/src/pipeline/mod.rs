@@ -33,7 +33,7 @@ use radarllm_tracking::LiveTrack;
 use crate::activities::{Activities, ActivityOptions, Label, Row, WindowCaption, WindowReading};
 use crate::clock::{StreamClock, Tick};
 use crate::counters::Counters;
-use crate::falls::{FallEvent, FallState};
+use crate::falls::{FALL, FallEvent, FallState};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
 use crate::options::{OptionError, within};
 use crate::people::UNTRACKED;
@@ -68,6 +68,8 @@ pub enum Described {
         actions: Vec<String>,
         /// Its confidence, 0 to 1.
         confidence: f64,
+        /// Those of the actions that were measured, not read by a model.
+        measured: Vec<String>,
     },
     /// The model abstained.
     Abstained {
@@ -93,6 +95,8 @@ pub struct StreamInfo {
     pub frame_period_s: f64,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f64,
+    /// Whether no source states this height.
+    pub is_height_assumed: bool,
     /// Name of the radar.
     pub radar: String,
     /// Provenance of the points.
@@ -394,6 +398,7 @@ impl Pipeline {
             frames: window.frames,
             frame_rate_hz: 1.0 / self.stream.frame_period_s,
             radar_height_m: self.stream.radar_height_m as f32,
+            is_height_assumed: self.stream.is_height_assumed,
             radar: self.stream.radar.clone(),
             provenance: self.stream.provenance.clone(),
             clutter: Clutter::Settled,
@@ -421,29 +426,35 @@ impl Pipeline {
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);
         }
-        let (caption, mut actions, reason) = match described {
+        let (mut caption, mut actions, mut measured) = (None, Vec::new(), Vec::new());
+        let reason = match described {
             Described::Sentence {
-                caption,
-                actions,
+                caption: text,
+                actions: stated,
                 confidence,
+                measured: by_measuring,
             } => {
-                let caption = WindowCaption {
-                    text: caption,
+                caption = Some(WindowCaption {
+                    text,
                     confidence: Some(confidence.clamp(0.0, 1.0)),
                     place_m: Some(window.place_m),
-                };
-                (Some(caption), actions, None)
+                });
+                (actions, measured) = (stated, by_measuring);
+                None
             }
             Described::Abstained { reason } => {
                 self.counters.abstained.add(1);
-                (None, Vec::new(), Some(reason))
+                Some(reason)
             }
-            Described::Failed { error } => (None, Vec::new(), Some(model_problem(&error))),
+            Described::Failed { error } => Some(model_problem(&error)),
         };
         let heights = Heights::of(&clip.frames, self.stream.radar_height_m);
-        actions.retain(|action| heights.permit(action));
+        let is_measured = |action: &String| measured.contains(action);
+        actions.retain(|action| is_measured(action) || heights.permit(action));
         // Where the stride is longer, what happens may be in one window only.
-        let is_shown = |action: &&String| self.pace.is_degraded() || heights.show(action);
+        let is_degraded = self.pace.is_degraded();
+        let is_shown =
+            |action: &&String| is_degraded || heights.show(action) || is_measured(action);
         let reading = WindowReading {
             person: window.person,
             start_s,
@@ -456,7 +467,10 @@ impl Pipeline {
         let rows = self.activities.push(&reading);
         out.extend(self.rows(&rows));
         let last = reading.actions.last();
-        let fall = last.and_then(|action| self.watch.label(reading.person, action));
+        let fall = match measured.iter().any(|action| action == FALL) {
+            true => self.watch.measured_fall(reading.person, window.place_m),
+            false => last.and_then(|action| self.watch.label(reading.person, action)),
+        };
         out.extend(fall.iter().flat_map(|event| self.fall(event)));
         let label = self.activities.label(reading.person, reading.end_s);
         let now = self.now(Some(reading.person), Some(&reading), reason, label.name());

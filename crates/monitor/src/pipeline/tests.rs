@@ -33,6 +33,7 @@ impl Describe for ByHeight {
             caption: caption.into(),
             actions: vec![action.into()],
             confidence: 0.7,
+            measured: Vec::new(),
         }
     }
 }
@@ -41,6 +42,7 @@ fn stream() -> StreamInfo {
     StreamInfo {
         frame_period_s: 0.1,
         radar_height_m: 1.0,
+        is_height_assumed: false,
         radar: "test".into(),
         provenance: Provenance::simulated("builtin:walk", 1),
         clutter: Clutter::Settled,
@@ -178,6 +180,43 @@ fn arrival_times_change_no_row() {
     };
     assert_eq!(spans(&bursts), spans(&replayed));
     assert_eq!(bursts.clips, replayed.clips);
+}
+
+/// States in every window that the person falls.
+struct Falls {
+    is_measured: bool,
+}
+
+impl Describe for Falls {
+    fn describe(&mut self, _: &Clip) -> Described {
+        Described::Sentence {
+            caption: "a person falls 2.0 m away".into(),
+            actions: vec!["fall".into()],
+            confidence: 0.7,
+            measured: match self.is_measured {
+                true => vec!["fall".into()],
+                false => Vec::new(),
+            },
+        }
+    }
+}
+
+#[test]
+fn a_measured_fall_is_suspected_whatever_the_heights_are() {
+    // The person walks at a height of more than 1 m throughout: a model that reads a fall errs.
+    let suspected = |is_measured: bool| {
+        let describer = Box::new(Falls { is_measured });
+        let options = PipelineOptions::default();
+        let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+        let at = |n: u32| Arrival::Replayed(START_MS + i64::from(n) * 100);
+        let outputs: Vec<Output> = (0..150)
+            .flat_map(|n| pipeline.push_frame(frame(n), at(n), true))
+            .collect();
+        let is_suspected = |(_, kind): &&(i64, EventKind)| *kind == EventKind::Suspected;
+        events(&outputs).iter().filter(is_suspected).count()
+    };
+    assert_eq!(suspected(false), 0);
+    assert!(suspected(true) >= 1);
 }
 
 #[test]
@@ -336,6 +375,7 @@ impl Describe for Recovering {
                 caption: "a person walks".into(),
                 actions: vec!["walk".into()],
                 confidence: 0.7,
+                measured: Vec::new(),
             },
         }
     }

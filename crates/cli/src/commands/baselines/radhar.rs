@@ -85,7 +85,7 @@ fn read(config: &RecordingsConfig, folder: &Path) -> CliResult<Vec<RadharRecordi
     }
     let options = CaptureOptions {
         format: Some(CaptureFormat::from_name("radhar")?),
-        radar_height_m: Some(config.radar_height_m),
+        radar_height_m: config.radar_height_m,
         ..CaptureOptions::default()
     };
     let mut recordings = Vec::new();

@@ -120,7 +120,7 @@ fn evaluate(
         let beside = args.config.parent().unwrap_or(Path::new("."));
         let config = read_config(&beside.join(&part.config))?;
         let options = CaptureOptions {
-            radar_height_m: Some(config.radar_height_m),
+            radar_height_m: config.radar_height_m,
             ..reading(&part.reading)?
         };
         let folder = args.data.join(&part.recordings);

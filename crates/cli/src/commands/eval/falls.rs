@@ -59,7 +59,7 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
             ..read_config(&pair[0])?
         };
         let options = CaptureOptions {
-            radar_height_m: Some(config.radar_height_m),
+            radar_height_m: config.radar_height_m,
             ..CaptureOptions::default()
         };
         for &role in &args.role {

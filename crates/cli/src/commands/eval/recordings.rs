@@ -175,7 +175,7 @@ pub(crate) fn capture_options(
             .map(CaptureFormat::from_name)
             .transpose()?,
         points: args.recording.options()?,
-        radar_height_m: Some(config.radar_height_m),
+        radar_height_m: config.radar_height_m,
         ..CaptureOptions::default()
     })
 }

@@ -136,6 +136,7 @@ mod tests {
                 frames: (0..10 * seconds).map(frame).collect(),
                 frame_rate_hz: 10.0,
                 radar_height_m: 1.0,
+                is_height_assumed: false,
                 radar: "r".into(),
                 provenance: Provenance::recorded("csv", "x.csv"),
                 clutter: Clutter::Settled,

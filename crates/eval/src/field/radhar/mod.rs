@@ -765,6 +765,7 @@ mod tests {
                 .collect(),
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,
+            is_height_assumed: false,
             radar: "iwr1443".into(),
             provenance: Provenance::recorded("radhar", "r.txt"),
             clutter: Clutter::Settled,

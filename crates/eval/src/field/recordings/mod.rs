@@ -32,8 +32,8 @@ pub use taught::{TaughtReport, TeachOptions, evaluate_taught};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingsConfig {
-    /// Height of the radar above the floor, m. Clips of a data set have their own.
-    pub radar_height_m: f32,
+    /// Height of the radar above the floor, m, if it is known. Clips of a data set have their own.
+    pub radar_height_m: Option<f32>,
     /// The recordings are the clips of a data set: motion capture of people through the virtual radar. Their paths are
     /// `SPLIT/MOTION`.
     #[serde(default)]
@@ -188,7 +188,7 @@ impl RecordingsConfig {
     /// A configuration of activities alone.
     pub fn of_activities(activity: Vec<Activity>) -> Self {
         Self {
-            radar_height_m: 1.0,
+            radar_height_m: Some(1.0),
             simulated: false,
             part_s: None,
             cut_at_gap_s: None,
@@ -346,8 +346,8 @@ pub struct RecordingsReport {
     pub model: String,
     /// Role of the recordings.
     pub role: Role,
-    /// Height of the radar above the floor, m.
-    pub radar_height_m: f32,
+    /// Height of the radar above the floor, m, if it is known.
+    pub radar_height_m: Option<f32>,
     /// Number of recordings.
     pub recordings: usize,
     /// Recordings described right.

@@ -21,15 +21,18 @@ pub fn markdown(report: &RecordingsReport, beam: Option<usize>, config: &str) ->
             percent(right, report.recordings)
         )
     });
+    let height = match report.radar_height_m {
+        Some(height_m) => format!("radar {height_m} m above the floor"),
+        None => "height of the radar not known".into(),
+    };
     let mut page = format!(
-        "Model {}, {}, configuration {config}, radar {} m above the floor, {role}. **{} of {} recordings ({:.1} %) \
+        "Model {}, {}, configuration {config}, {height}, {role}. **{} of {} recordings ({:.1} %) \
          are described right.** A recording is described right if its sentences state the activity for half of the \
          time or longer, and no other action as long.{with_side}\n\n{}\n\
          Recordings (row) by what their sentences state (column):\n\n{}\n\
          False falls: {} in {:.2} h of recordings without a fall ({}).\n",
         report.model,
         decision(beam),
-        report.radar_height_m,
         report.right,
         report.recordings,
         percent(report.right, report.recordings),

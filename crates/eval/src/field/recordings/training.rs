@@ -239,6 +239,7 @@ mod tests {
                 frames: (0..n_frames).map(frame).collect(),
                 frame_rate_hz: 10.0,
                 radar_height_m: 1.2,
+                is_height_assumed: false,
                 radar: "board".into(),
                 provenance: Provenance::recorded("csv", name),
                 clutter: Clutter::Settled,

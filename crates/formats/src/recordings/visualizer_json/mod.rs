@@ -116,9 +116,15 @@ pub struct VisualizerRecording {
 
 impl VisualizerRecording {
     /// The frames with the tracks of the firmware, if it tracked anybody in the recording. Frames without a track then say
-    /// that nobody is tracked.
+    /// that nobody is tracked. So do those of an empty room before a demo that tracks people; where its points show that
+    /// something moves, the visualizer may have left the tracks out.
     pub fn into_recorded_frames(self) -> Vec<RecordedFrame> {
-        let tracks = self.frames.iter().any(|f| !f.tracks.is_empty());
+        let tracks_people = |demo: &str| demo.contains("People Tracking");
+        let shows_nothing =
+            |f: &&VisualizerFrame| f.frame.points.iter().all(RadarPoint::is_leakage);
+        let is_empty = 2 * self.frames.iter().filter(shows_nothing).count() > self.frames.len();
+        let tracks = self.frames.iter().any(|f| !f.tracks.is_empty())
+            || is_empty && self.demo.as_deref().is_some_and(tracks_people);
         let recorded = |frame: VisualizerFrame| RecordedFrame {
             board: tracks.then(|| BoardReport {
                 tracks: frame.tracks.iter().map(Target::track).collect(),
