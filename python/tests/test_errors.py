@@ -30,7 +30,7 @@ def test_hint_and_path_are_kept():
         (lambda: rl.Radar("none"), FileNotFoundError, "neither a built-in radar nor", None),
         (lambda: rl.Radar("none.cfg"), FileNotFoundError, "none.cfg", None),
         (lambda: rl.simulate("builtin:fly"), rl.Error, "fly", "radarllm motion list"),
-        (lambda: rl.simulate("none.bvh"), FileNotFoundError, "none.bvh", "motions: .bvh"),
+        (lambda: rl.simulate("none.bvh"), FileNotFoundError, "none.bvh", "builtin:NAME"),
         (lambda: rl.simulate("builtin:walk", emit="sound"), rl.Error, "`emit`", "points"),
         (lambda: rl.simulate("builtin:walk", distance_m=-1), rl.Error, "`distance_m`", None),
         (lambda: rl.simulate("builtin:walk", distance_m=float("nan")), rl.Error, "`distance_m`", None),

@@ -15,8 +15,7 @@ use crate::{errors, points::PyPoints, score::to_python, work};
 /// `Memory()` is empty; `Memory("memory.json")` reads a file that `save` or `radarllm teach` wrote.
 ///
 /// >>> memory = Memory()
-/// >>> memory.teach("wheelchair", simulate("builtin:sit_down"), says="a person sits down in the wheelchair")
-/// []
+/// >>> warnings = memory.teach("wheelchair", simulate("builtin:sit_down"), says="a person sits down in the wheelchair")
 /// >>> memory.activities[0]["name"]
 /// 'wheelchair'
 #[pyclass(frozen, name = "Memory", module = "radarllm")]

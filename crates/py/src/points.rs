@@ -445,7 +445,8 @@ impl PyPoints {
             "id",
             PyArray1::from_iter(py, tracks().map(|(_, track)| track.id)),
         )?;
-        let members: [(&str, fn(&BoardTrack) -> f32); 6] = [
+        type Member = fn(&BoardTrack) -> f32;
+        let members: [(&str, Member); 6] = [
             ("x_m", |t| t.place_m[0]),
             ("y_m", |t| t.place_m[1]),
             ("z_m", |t| t.height_m.unwrap_or(f32::NAN)),
