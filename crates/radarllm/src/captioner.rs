@@ -146,7 +146,21 @@ impl Captioner {
         clip: &PreparedClip,
         options: &DescribeOptions,
     ) -> Result<Description> {
-        let findings = self.findings(clip, options, self.site.as_ref())?;
+        self.describe_at(clip, options, None)
+    }
+
+    /// As [`Self::describe_prepared`], of a person in a recording that shows the site: it counts if the captioner has none of
+    /// its own.
+    ///
+    /// # Errors
+    /// As [`Self::describe_prepared`].
+    pub fn describe_at(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+        site: Option<&Site>,
+    ) -> Result<Description> {
+        let findings = self.findings(clip, options, self.site.as_ref().or(site))?;
         Ok(findings.description(clip.duration_s()))
     }
 

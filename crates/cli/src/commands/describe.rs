@@ -162,9 +162,20 @@ pub(crate) fn describe(
     clip: &PreparedClip,
     options: &DescribeOptions,
 ) -> CliResult<Row> {
+    describe_at(captioner, input, clip, options, None)
+}
+
+/// Describes a clip, of a site if the recording of which it is a part shows one.
+fn describe_at(
+    captioner: &Captioner,
+    input: &str,
+    clip: &PreparedClip,
+    options: &DescribeOptions,
+    site: Option<&Site>,
+) -> CliResult<Row> {
     let started = Instant::now();
-    let described = captioner.describe_prepared(clip, options)?;
-    let length = (clip.frames.len(), clip.duration_s());
+    let described = captioner.describe_at(clip, options, site)?;
+    let length = (clip.frames.len(), length_s(clip));
     Ok(row(
         captioner,
         source_of(input, clip),
@@ -172,6 +183,18 @@ pub(crate) fn describe(
         length,
         started,
     ))
+}
+
+/// Length of a clip, s: from its first frame to its last one where frames are missing.
+fn length_s(clip: &Clip) -> f64 {
+    /// Times of frames jitter by less, s.
+    const GAP_S: f64 = 1.0;
+    let times = clip.frames.first().zip(clip.frames.last());
+    let span_s = times.map_or(0.0, |(first, last)| last.time_s - first.time_s);
+    match span_s > clip.duration_s() + GAP_S {
+        true => span_s + 1.0 / clip.frame_rate_hz,
+        false => clip.duration_s(),
+    }
 }
 
 /// The row of a description that was begun at `started`, of a number of frames and seconds.
@@ -254,7 +277,7 @@ fn site_of(clip: &Clip) -> Option<Result<Site, SiteError>> {
 }
 
 /// Says why postures of a recording in which a board tracks people are less sure, if they are.
-fn doubt_about_site(input: &str, site: Option<Result<Site, SiteError>>, about: &Clip) {
+fn doubt_about_site(input: &str, site: Option<&Result<Site, SiteError>>, about: &Clip) {
     let Some(Err(error)) = site else {
         return;
     };
@@ -478,8 +501,9 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             .with_simulation(simulation.clone())
     };
     let clips_of = |input: &String, recording: Recording| {
+        let site = site_of(&recording.clip);
         if args.site.is_none() {
-            doubt_about_site(input, site_of(&recording.clip), &recording.clip);
+            doubt_about_site(input, site.as_ref(), &recording.clip);
         }
         let clip = prepared(input, &recording, detail)?;
         let asks_model = instruction.is_some() || !args.choose.is_empty();
@@ -489,11 +513,15 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                  --choose and --instruct, what is measured is stated"
             );
         }
-        clips_of_people(input, clip, &args.people)
+        let clips = clips_of_people(input, clip, &args.people)?;
+        // A person shows less of the site than all of them.
+        let site = site.and_then(Result::ok).filter(|_| args.people.is_given());
+        Ok::<_, CliError>((site, clips))
     };
     if let Some((text, instruction)) = &instruction {
         let one = |input: &String| -> CliResult<Vec<AnswerRow>> {
             clips_of(input, source(input).points()?)?
+                .1
                 .into_iter()
                 .map(|(person, clip)| {
                     let row = answer(&captioner, input, &clip, text, instruction, &describing)?;
@@ -518,7 +546,7 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                 Input::Whole(recording) => *recording,
                 Input::Long(long) => {
                     if args.site.is_none() {
-                        doubt_about_site(input, long.site.clone(), &long.about);
+                        doubt_about_site(input, long.site.as_ref(), &long.about);
                     }
                     let progress = (args.inputs.len() == 1).then(|| Progress::new(input));
                     let row =
@@ -527,10 +555,11 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                 }
             },
         };
-        clips_of(input, recording)?
+        let (site, clips) = clips_of(input, recording)?;
+        clips
             .into_iter()
             .map(|(person, clip)| {
-                let row = describe(&captioner, input, &clip, &describing)?;
+                let row = describe_at(&captioner, input, &clip, &describing, site.as_ref())?;
                 Ok(Row { person, ..row })
             })
             .collect()

@@ -1,13 +1,14 @@
 //! Questions to the memory, in English.
 //!
 //! A grammar, no model: *when, last, first, how often, how long, did* × verbs of actions × times such as *today*,
-//! *last night* and *since 07:30*. Verbs are read with the lexicon of `radarllm-facts`, which also labels captions. What
+//! *last night* and *since 07:30*; and whether, when and how long somebody was there (`presence`). Verbs are read with the lexicon of `radarllm-facts`, which also labels captions. What
 //! the grammar does not know is refused, not guessed: then the words are searched in the captions, and the answer says
 //! so.
 //!
 //! Reading order: this file, [`what`] (questions to their meaning), [`when`] (phrases of time), `verbs`, `words`,
-//! `sentence` (answers).
+//! `sentence` (answers), `presence`.
 
+mod presence;
 mod sentence;
 #[cfg(test)]
 mod tests;
@@ -97,6 +98,9 @@ pub fn ask(timeline: &Timeline, question: &str, clock: Clock) -> Result<Answer, 
     }
     clock.check()?;
     let _snapshot = timeline.snapshot()?;
+    if let Some(answer) = presence::answer(timeline, question, &clock)? {
+        return Ok(answer);
+    }
     match what::understand(question, &clock) {
         Ok(understood) => {
             let found = find(timeline, &understood)?;

@@ -8,7 +8,7 @@ use super::{Answer, Found, verbs};
 const MAX_TIMES: usize = 5;
 
 /// Said with every answer that is about a person.
-const NOBODY_IDENTIFIED: &str = "Nobody is identified: this is about whoever was there.";
+pub(super) const NOBODY_IDENTIFIED: &str = "Nobody is identified: this is about whoever was there.";
 /// Said with every answer about falls.
 const NO_MEDICAL_DEVICE: &str = "This is not a medical device.";
 
@@ -89,7 +89,7 @@ pub(super) fn answer(understood: &Understood, found: &Found, clock: &Clock) -> S
 /// The sentences for a question that was not understood.
 pub(super) fn searched(why: &str, answer: &Answer, clock: &Clock) -> String {
     const EXAMPLES: &str = "Questions such as \u{201c}when did she last get up?\u{201d}, \u{201c}how often did she sit \
-         down today?\u{201d} and \u{201c}did she fall since 22:00?\u{201d} are understood.";
+         down today?\u{201d}, \u{201c}did she fall since 22:00?\u{201d} and \u{201c}is anybody there?\u{201d} are understood.";
     let mut sentences = vec![format!("The question was not understood: {why}.")];
     if let Some(searched) = &answer.searched {
         let words = searched
@@ -122,7 +122,7 @@ pub(super) fn searched(why: &str, answer: &Answer, clock: &Clock) -> String {
     sentences.join(" ")
 }
 
-fn times(n: u64) -> String {
+pub(super) fn times(n: u64) -> String {
     match n {
         1 => "once".into(),
         2 => "twice".into(),
@@ -131,7 +131,7 @@ fn times(n: u64) -> String {
 }
 
 /// "a", "a or b", "a, b or c".
-fn list(items: impl Iterator<Item = String>, conjunction: &str) -> String {
+pub(super) fn list(items: impl Iterator<Item = String>, conjunction: &str) -> String {
     let mut items: Vec<String> = items.collect();
     match (items.pop(), items.is_empty()) {
         (None, _) => String::new(),
@@ -141,7 +141,7 @@ fn list(items: impl Iterator<Item = String>, conjunction: &str) -> String {
 }
 
 /// A duration to the second below a minute, to the minute above.
-fn duration(ms: i64) -> String {
+pub(super) fn duration(ms: i64) -> String {
     // Half a second rounds up.
     let s = ms.saturating_add(500) / 1_000;
     let minutes = s.saturating_add(30) / 60;

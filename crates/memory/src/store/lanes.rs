@@ -103,6 +103,15 @@ impl Timeline {
         Ok(lanes)
     }
 
+    /// When somebody was there in a range of time, ms, and whether a simulated radar is among the origins. What lasts at the end
+    /// of the range ends there.
+    pub(crate) fn presence(&self, range_ms: [i64; 2]) -> Result<(Vec<Stretch>, bool), StoreError> {
+        let mut synthetic = false;
+        let kinds = [EventKind::Present, EventKind::Absent];
+        let spans = self.spans(&mut synthetic, kinds, range_ms)?;
+        Ok((spans, synthetic))
+    }
+
     fn add_actions(&self, lanes: &mut Lanes, from_ms: i64, to_ms: i64) -> Result<(), StoreError> {
         let query = ActivityQuery {
             from_ms: Some(from_ms),
