@@ -22,6 +22,7 @@ pub const STATIC_SPEED_MPS: f32 = 0.05;
 ///     frames: vec![PointFrame::default(); 25],
 ///     frame_rate_hz: 10.0,
 ///     radar_height_m: 1.0,
+///     is_height_assumed: false,
 ///     radar: "awr1843boost".into(),
 ///     provenance: "recorded:uart:living-room.dat".parse().unwrap(),
 ///     clutter: Clutter::Unchecked,

@@ -30,6 +30,7 @@
 //!     frames: (0..80).map(frame).collect(),
 //!     frame_rate_hz: 20.0,
 //!     radar_height_m: 1.0,
+//!     is_height_assumed: false,
 //!     radar: "awr1843boost".into(),
 //!     provenance: "recorded:csv:walk.csv".parse()?,
 //!     clutter: Clutter::Unchecked,

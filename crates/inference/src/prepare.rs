@@ -141,6 +141,7 @@ pub enum PrepareError {
 ///     frames: (0..40).map(frame).collect(),
 ///     frame_rate_hz: 20.0,
 ///     radar_height_m: 1.0,
+///     is_height_assumed: false,
 ///     radar: "unknown".into(),
 ///     provenance: "recorded:csv:room.csv".parse().unwrap(),
 ///     clutter: Clutter::Unchecked,

@@ -21,6 +21,7 @@
 //!         frames: (0..120).map(frame).collect(),
 //!         frame_rate_hz: 10.0,
 //!         radar_height_m: 1.0,
+//!         is_height_assumed: false,
 //!         radar: "iwr6843isk".into(),
 //!         provenance: "recorded:csv:room.csv".parse().unwrap(),
 //!         clutter: Clutter::Settled,

@@ -124,6 +124,7 @@ fn track_moving(
 ///     frames: Vec::new(),
 ///     frame_rate_hz: 10.0,
 ///     radar_height_m: 1.0,
+///     is_height_assumed: false,
 ///     radar: "iwr6843isk".into(),
 ///     provenance: Provenance::recorded("uart", "empty.dat"),
 ///     clutter: Clutter::Unchecked,
