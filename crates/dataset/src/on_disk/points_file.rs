@@ -5,7 +5,7 @@
 //! the whole file are in the key-value metadata, see [`PointsMeta`].
 //!
 //! What the board itself states of the frames, such as the people whom it tracks, is in two more columns
-//! ([`super::board_columns`]), which only recordings have whose board can state something. A frame without points has a row
+//! (`board_columns.rs`), which only recordings have whose board can state something. A frame without points has a row
 //! there if the board stated something; its values of points are null.
 
 use std::collections::{HashMap, VecDeque};
