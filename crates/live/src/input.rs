@@ -71,6 +71,16 @@ fn stream_of(source: SourceInfo) -> StreamInfo {
     }
 }
 
+/// What a user should know of a radar whose height nobody states.
+fn about_height(stream: &StreamInfo) -> Option<String> {
+    stream.is_height_assumed.then(|| {
+        format!(
+            "the height of the radar is not stated (--radar-height-m): {} m are assumed, on which falls and postures depend",
+            stream.radar_height_m
+        )
+    })
+}
+
 impl Input {
     fn new(name: &str, source: StreamInfo, kind: Kind) -> Self {
         let source_period_s = source.frame_period_s;
@@ -120,8 +130,9 @@ impl Input {
 
     /// A running radar.
     pub fn radar(name: &str, source: Box<dyn LiveSource>) -> Self {
-        let notes = source.notes().to_vec();
+        let mut notes = source.notes().to_vec();
         let stream = stream_of(source.about());
+        notes.extend(about_height(&stream));
         Self {
             notes,
             ..Self::new(name, stream, Kind::Radar(source))
@@ -133,7 +144,7 @@ impl Input {
     /// # Errors
     /// A recording without frames, one without a frame rate, and a speed that is not positive.
     pub fn replay(name: &str, recording: Recording, speed: Speed, repeats: bool) -> Result<Self> {
-        let (clip, notes) = (recording.clip, recording.notes);
+        let (clip, mut notes) = (recording.clip, recording.notes);
         if clip.frames.is_empty() {
             return Err(Error::input(format!("{name}: the recording has no frames")));
         }
@@ -145,6 +156,7 @@ impl Input {
             )));
         }
         let stream = stream_of(clip.source_info());
+        notes.extend(about_height(&stream));
         let kind = Kind::Replay {
             clip,
             speed,

@@ -35,7 +35,7 @@ pub const MAX_ROWS: usize = 50;
 const FALL: &str = "fall";
 
 /// The answer to a question.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// The answer in sentences.
     pub answer: String,
@@ -191,18 +191,7 @@ fn search(
     clock: &Clock,
 ) -> Result<Answer, StoreError> {
     let what::NotUnderstood { why, when, words } = question;
-    let mut answer = Answer {
-        answer: String::new(),
-        understood: None,
-        searched: None,
-        count: 0,
-        first_ms: None,
-        last_ms: None,
-        total_ms: 0,
-        synthetic: false,
-        rows: Vec::new(),
-        events: Vec::new(),
-    };
+    let mut answer = Answer::default();
     if !words.is_empty() {
         let query = ActivityQuery {
             from_ms: when.from_ms,

@@ -131,14 +131,7 @@ pub(super) fn answer(
         return Ok(Some(Answer {
             answer: "The memory is empty.".into(),
             understood: Some(understood(kind, EventKind::Present, when)),
-            searched: None,
-            count: 0,
-            first_ms: None,
-            last_ms: None,
-            total_ms: 0,
-            synthetic: false,
-            rows: Vec::new(),
-            events: Vec::new(),
+            ..Answer::default()
         }));
     };
     // Nothing is known of the time after the newest entry, such as after the end of `live`.
