@@ -68,20 +68,24 @@ fn beyond(value: f32, limit: f32) -> f32 {
 fn standing_m(person: &TrackedPerson, t_s: f64, site: &Site) -> Option<f32> {
     /// The upper end may be that of a track that jumped up for a moment: from a time on, s, it is limited to this far above
     /// the median, m, which is the way from a seat.
-    const LONG_S: f64 = 3.0;
+    const LONG_S: f64 = 2.5;
+    /// Shorter recordings of a person are whole events, s; in longer ones the time before counts.
+    const WINDOW_S: f64 = 5.0;
     const FROM_SEAT_M: f32 = 0.3;
     if !site.is_height_assumed {
         return Some(site.standing_m);
     }
     let before = person.between(t_s - OWN_HEIGHT_S, t_s);
+    // A window of a longer recording may begin with the jump.
+    let is_cut = before.first().is_none_or(|first| t_s - first.t_s < LONG_S);
+    if is_cut && person.length_s() >= WINDOW_S {
+        return None;
+    }
     let height_m = |share| quantile_nearest(before.iter().filter_map(|s| s.height_m), share);
     let upper_m = height_m(OWN_HEIGHT)?;
-    match before
-        .first()
-        .is_some_and(|first| t_s - first.t_s >= LONG_S)
-    {
-        true => Some(upper_m.min(height_m(0.5)? + FROM_SEAT_M)),
-        false => Some(upper_m),
+    match is_cut {
+        true => Some(upper_m),
+        false => Some(upper_m.min(height_m(0.5)? + FROM_SEAT_M)),
     }
 }
 
@@ -180,11 +184,9 @@ pub(crate) fn confirmed(
         return Some(fall);
     }
     let middle_m = quantile_nearest(heights_m, 0.5)?;
-    let Some(standing_m) =
-        standing_m(person, fall.t_s, site).or_else(|| standing_by_points_m(frames, fall.t_s))
-    else {
-        return Some(fall);
-    };
+    // Points that are there, but were too few before, confirm nothing.
+    let standing_m =
+        standing_m(person, fall.t_s, site).or_else(|| standing_by_points_m(frames, fall.t_s))?;
     (standing_m - middle_m >= LIES_M).then_some(Fall {
         probability: 1.0 - DOUBT * (1.0 - fall.probability),
         ..fall
@@ -195,7 +197,7 @@ pub(crate) fn confirmed(
 /// are few.
 fn standing_by_points_m(frames: &[PointFrame], t_s: f64) -> Option<f32> {
     /// Points of fewer say nothing.
-    const MIN_POINTS: usize = 20;
+    const MIN_POINTS: usize = 10;
     let points = points_between(frames, t_s - OWN_HEIGHT_S, t_s - POOL_GAP_S);
     let heights_m: Vec<f32> = points.map(|point| point.z_m).collect();
     let middle_m = (heights_m.len() >= MIN_POINTS).then(|| quantile_nearest(heights_m, 0.5))??;

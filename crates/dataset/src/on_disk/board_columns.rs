@@ -23,6 +23,8 @@ pub(super) const TRACKS: &str = "board_tracks";
 pub(super) const PRESENT: &str = "board_present";
 /// Members of a track after its number, f32.
 const MEMBERS: [&str; 6] = ["x_m", "y_m", "z_m", "vx_mps", "vy_mps", "vz_mps"];
+/// Largest place, m, and speed, m/s: no radar of rooms sees farther.
+const MAX_VALUE: f32 = 10_000.0;
 /// The member that may be null.
 const HEIGHT: usize = 2;
 
@@ -233,7 +235,9 @@ impl<'a> BoardColumns<'a> {
                 *value = member.is_valid(at).then(|| member.value(at));
                 match *value {
                     None if i != HEIGHT => return Err(bad(name, "is null".into())),
-                    Some(v) if !v.is_finite() => return Err(bad(name, format!("is {v}"))),
+                    Some(v) if !(v.abs() <= MAX_VALUE) => {
+                        return Err(bad(name, format!("is {v}")));
+                    }
                     _ => {}
                 }
             }

@@ -232,7 +232,7 @@ fn metadata_of(batch: &RecordBatch) -> HashMap<String, String> {
 fn tracked() -> Vec<PointFrame> {
     let track = |id: u32, height_m: Option<f32>| BoardTrack {
         id,
-        place_m: [-0.5, 2.0 + id as f32],
+        place_m: [-0.5, 2.0 + (id % 10) as f32],
         height_m,
         velocity_mps: [0.1, -0.2, 0.3],
     };

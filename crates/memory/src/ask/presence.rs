@@ -72,7 +72,13 @@ fn meaning(rest: &[String]) -> Option<(Kind, Subject)> {
     if !rest.iter().all(is_known) {
         return None;
     }
-    let goes_out = has(&["go", "went"]) && has(&["out", "away"]);
+    let goes_out = has(&["go", "went", "come", "came"]) && has(&["out", "away"]);
+    // To the left is a direction, and "how many people" no time.
+    let is_direction = has(&["left"]) && has(&["go", "went", "to", "from", "right", "was", "were"]);
+    let counts_people = has(&["many"]) && !has(&["times"]);
+    if is_direction || counts_people || has(&["around"]) {
+        return None;
+    }
     let subject = if has(LEFT) || goes_out {
         Subject::Left
     } else if has(CAME) || has(&["go", "went"]) && has(&["back", "home"]) {
@@ -89,7 +95,16 @@ fn meaning(rest: &[String]) -> Option<(Kind, Subject)> {
         let is_state = matches!(subject, Subject::There | Subject::Empty) && !has(&["see", "seen"]);
         return is_state.then_some((Kind::Did, Subject::Now));
     }
-    let kind = if at(0) == "how" && has(&["often", "many"]) {
+    // What is so at present, however it is asked, is no question about the past.
+    if ["has", "have"].contains(&at(0)) && has(LEFT) {
+        return Some((Kind::Did, Subject::Now));
+    }
+    if !has(&["did", "was", "were", "had"]) {
+        return None;
+    }
+    let kind = if ["did", "was", "were", "had"].contains(&at(0)) {
+        Kind::Did
+    } else if at(0) == "how" && has(&["often", "many"]) {
         Kind::HowOften
     } else if at(0) == "how" && has(&["long", "much"]) {
         Kind::HowLong
@@ -99,14 +114,18 @@ fn meaning(rest: &[String]) -> Option<(Kind, Subject)> {
         Kind::First
     } else if at(0) == "when" || has(&["what"]) && has(&["time"]) {
         Kind::When
-    } else if ["did", "has", "have", "had", "was", "were"].contains(&at(0)) {
-        Kind::Did
     } else {
         return None;
     };
-    // How long somebody came or left is no question.
+    // Somebody comes and leaves at times, and is there for a time.
     let is_moment = matches!(subject, Subject::Came | Subject::Left);
-    (!(is_moment && kind == Kind::HowLong)).then_some((kind, subject))
+    let fits = match kind {
+        Kind::HowLong => !is_moment,
+        Kind::Did => true,
+        Kind::Last => is_moment || subject == Subject::There,
+        _ => is_moment,
+    };
+    fits.then_some((kind, subject))
 }
 
 /// Answers a question about presence; `None` if it is about something else.
@@ -127,6 +146,11 @@ pub(super) fn answer(
     let Some((kind, subject)) = meaning(&rest) else {
         return Ok(None);
     };
+    // What is asked of the present has no other time, and a time to come is refused elsewhere.
+    let is_to_come = when.from_ms.is_some_and(|from_ms| from_ms >= clock.now_ms);
+    if is_to_come || (subject == Subject::Now && !when.phrase.is_empty()) {
+        return Ok(None);
+    }
     let (Some(oldest_ms), Some(newest_ms)) = (timeline.oldest_ms()?, timeline.newest_ms()?) else {
         return Ok(Some(Answer {
             answer: "The memory is empty.".into(),
@@ -141,11 +165,17 @@ pub(super) fn answer(
         .unwrap_or(oldest_ms)
         .max(oldest_ms)
         .max(to_ms - MAX_RANGE_MS);
-    let (spans, mut synthetic) = match from_ms < to_ms {
-        true => timeline.presence([from_ms, to_ms])?,
-        false => (Vec::new(), false),
-    };
+    if from_ms >= to_ms {
+        let (first, last) = (clock.moment(oldest_ms), clock.moment(newest_ms));
+        return Ok(Some(Answer {
+            answer: format!("Nothing is known of that time: the memory is from {first} to {last}."),
+            understood: Some(understood(kind, EventKind::Present, when)),
+            ..Answer::default()
+        }));
+    }
+    let (spans, mut synthetic) = timeline.presence([from_ms, to_ms])?;
     let is_open = spans.last().is_some_and(|span| span.end_ms == to_ms);
+    let is_old = clock.now_ms.saturating_sub(newest_ms) > OLD_MS;
     let stretches = match subject {
         Subject::Empty => rest_of(&spans, [from_ms, to_ms]),
         _ => spans.clone(),
@@ -182,6 +212,10 @@ pub(super) fn answer(
         _ => "left",
     };
     let mut sentences = vec![match (subject, kind) {
+        (Subject::Now, _) | (Subject::There, Kind::Last) if is_open && is_old => {
+            let last = clock.moment(newest_ms);
+            format!("Somebody was there at {last}, where the memory ends.")
+        }
         (Subject::Now, _) if is_open => {
             format!(
                 "Somebody is there, since {}.",
@@ -234,6 +268,8 @@ pub(super) fn answer(
         }
         (_, Kind::Did) if n == 0 => format!("No: nobody {past}{phrase}."),
         (_, _) if n == 0 => format!("Nobody {past}{phrase}."),
+        (_, Kind::Did) if n == 1 => format!("Yes: somebody {past} once{phrase}, at {last}."),
+        (_, _) if n == 1 => format!("Somebody {past} once{phrase}, at {last}."),
         (_, Kind::Last) => format!(
             "Somebody last {past} at {last}, {} in all{phrase}.",
             times(n)
@@ -257,7 +293,7 @@ pub(super) fn answer(
     };
     let events = timeline.events(&query, None, MAX_ROWS)?.rows;
     synthetic |= events.iter().any(|row| row.origin.synthetic);
-    if clock.now_ms.saturating_sub(newest_ms) > OLD_MS {
+    if is_old {
         sentences.push(format!(
             "The newest entry of the memory is of {}.",
             clock.moment(newest_ms)
@@ -355,6 +391,8 @@ mod tests {
             ("how long was somebody in the room", (HowLong, There)),
             ("was anybody there?", (Did, There)),
             ("did anyone come in", (Did, Came)),
+            ("when did she come out of the room?", (When, Left)),
+            ("has she left?", (Did, Now)),
         ] {
             assert_eq!(of(question), Some(expected), "{question}");
         }
@@ -367,6 +405,13 @@ mod tests {
             "how long did she leave",
             "did she fall in the room",
             "is it raining",
+            "did she go left",
+            "how often did she go to the left",
+            "how many people are there",
+            "what time is it there",
+            "how long has she been there",
+            "how long is it to home",
+            "when was the room empty",
             "there",
             "",
         ] {
@@ -402,7 +447,6 @@ mod tests {
             (240, Absent),
             (120, Present),
             (90, Absent),
-            (30, Present),
             (5, Present),
         ];
         let (_dir, store) = memory(&events);
@@ -410,19 +454,20 @@ mod tests {
         for (question, expected) in [
             (
                 "is anybody there?",
-                format!("Somebody is there, since {}.", at(30)),
+                format!("Somebody is there, since {}.", at(5)),
             ),
             (
                 "when was she last seen?",
-                format!("Somebody is there, since {}.", at(30)),
+                format!("Somebody is there, since {}.", at(5)),
             ),
             (
                 "how long was the room empty?",
-                "The room was empty for 3 h in all, in 2 stretches, the longest of 2 h.".into(),
+                "The room was empty for 3 h 25 min in all, in 2 stretches, the longest of 2 h."
+                    .into(),
             ),
             (
                 "how long was she there?",
-                "Somebody was there for 1 h 55 min in all, in 3 stretches, the longest of 1 h."
+                "Somebody was there for 1 h 30 min in all, in 3 stretches, the longest of 1 h."
                     .into(),
             ),
             (
@@ -435,7 +480,7 @@ mod tests {
                     "Somebody came 3 times: at {}, {} and {}.",
                     at(300),
                     at(120),
-                    at(30)
+                    at(5)
                 ),
             ),
             (
@@ -457,6 +502,34 @@ mod tests {
         assert!(
             says(&store, "when was she last seen")
                 .starts_with(&format!("Somebody was last there at {}.", at(240)))
+        );
+        // The program ended while somebody was there, for 230 minutes of which nothing is known.
+        let (_dir, store) = memory(&[
+            (300, Present),
+            (290, EventKind::Suspected),
+            (60, Present),
+            (50, Absent),
+        ]);
+        let there = says(&store, "how long was she there?");
+        assert!(
+            there.starts_with("Somebody was there for 20 min in all, in 2 stretches"),
+            "{there}"
+        );
+        let (_dir, store) = memory(&[(300, Present)]);
+        let now = says(&store, "is anybody there?");
+        assert!(
+            now.starts_with(&format!(
+                "Somebody was there at {}, where the memory ends.",
+                at(300)
+            )),
+            "{now}"
+        );
+        let before =
+            super::super::ask(store.timeline(), "was anybody there on 2026-11-20?", CLOCK).unwrap();
+        assert!(
+            before.answer.starts_with("Nothing is known of that time"),
+            "{}",
+            before.answer
         );
         // Nothing was seen.
         let (_dir, store) = new_store();

@@ -174,7 +174,14 @@ impl Timeline {
             *synthetic |= row.origin.synthetic;
             let at_ms = row.event.at_ms;
             if row.event.kind == kinds[0] {
-                began = began.or(Some(at_ms));
+                // It began twice where the program ended meanwhile: the time between, of which nothing is known, is left out.
+                if let Some(start_ms) = began.replace(at_ms) {
+                    let end_ms = self
+                        .newest_before_ms(at_ms)?
+                        .unwrap_or(start_ms)
+                        .max(start_ms);
+                    spans.push(Stretch { start_ms, end_ms });
+                }
             } else if let Some(start_ms) = began.take() {
                 let end_ms = at_ms;
                 spans.push(Stretch { start_ms, end_ms });

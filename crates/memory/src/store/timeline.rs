@@ -298,6 +298,14 @@ impl Timeline {
         self.time_ms("read the newest time", sql)
     }
 
+    /// The end of the newest activity that began before a time, or the time of the newest event before it, whichever is later.
+    pub(crate) fn newest_before_ms(&self, at_ms: i64) -> Result<Option<i64>, StoreError> {
+        let sql = "SELECT max(ms) FROM (SELECT max(min(end_ms, ?1)) AS ms FROM activity WHERE start_ms < ?1
+                   UNION ALL SELECT max(at_ms) FROM event WHERE at_ms < ?1)";
+        let selected = self.connection.query_row(sql, [at_ms], |row| row.get(0));
+        selected.map_err(|e| self.error("read the newest time before another", e))
+    }
+
     /// The time of the oldest activity or event, milliseconds since 1970 in UTC, or `None` if the memory is empty.
     ///
     /// # Errors
