@@ -181,7 +181,9 @@ pub(crate) fn confirmed(
         })
         .collect();
     if heights_m.len() < MIN_POINTS {
-        return Some(fall);
+        // Where nothing else has a height, the few points were the only witness.
+        let has_heights = person.samples.iter().any(|s| s.height_m.is_some());
+        return (has_heights || !site.is_height_assumed).then_some(fall);
     }
     let middle_m = quantile_nearest(heights_m, 0.5)?;
     // Points that are there, but were too few before, confirm nothing.
