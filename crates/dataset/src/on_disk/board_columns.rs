@@ -235,7 +235,7 @@ impl<'a> BoardColumns<'a> {
                 *value = member.is_valid(at).then(|| member.value(at));
                 match *value {
                     None if i != HEIGHT => return Err(bad(name, "is null".into())),
-                    Some(v) if !(v.abs() <= MAX_VALUE) => {
+                    Some(v) if v.is_nan() || v.abs() > MAX_VALUE => {
                         return Err(bad(name, format!("is {v}")));
                     }
                     _ => {}
