@@ -103,13 +103,18 @@ fn members_of(track: &BoardTrack) -> [Option<f32>; 6] {
     [Some(x_m), Some(y_m), track.height_m, vx, vy, vz]
 }
 
-/// The first value of a report that is not finite, with its name.
-pub(super) fn not_finite(report: &BoardReport) -> Option<(&'static str, f32)> {
+/// Whether a value is one that is read again.
+fn is_in_range(value: f32) -> bool {
+    value.abs() <= MAX_VALUE
+}
+
+/// The first value of a report that would not be read again, with its name.
+pub(super) fn out_of_range(report: &BoardReport) -> Option<(&'static str, f32)> {
     let members = report.tracks.iter().flat_map(|track| {
         let members = MEMBERS.into_iter().zip(members_of(track));
         members.filter_map(|(name, value)| Some((name, value?)))
     });
-    members.into_iter().find(|(_, value)| !value.is_finite())
+    members.into_iter().find(|(_, value)| !is_in_range(*value))
 }
 
 /// A column of lists, with offsets of 32 bits, or of 64, which some Arrow libraries make of them.
@@ -235,7 +240,7 @@ impl<'a> BoardColumns<'a> {
                 *value = member.is_valid(at).then(|| member.value(at));
                 match *value {
                     None if i != HEIGHT => return Err(bad(name, "is null".into())),
-                    Some(v) if v.is_nan() || v.abs() > MAX_VALUE => {
+                    Some(v) if !is_in_range(v) => {
                         return Err(bad(name, format!("is {v}")));
                     }
                     _ => {}

@@ -412,7 +412,7 @@ impl FrameSpan {
                 return value(row, column, format!("is {v}"));
             }
         }
-        if let Some((member, v)) = frame.board.as_ref().and_then(board_columns::not_finite) {
+        if let Some((member, v)) = frame.board.as_ref().and_then(board_columns::out_of_range) {
             let problem = format!("frame {number}: {member} is {v}");
             return value(self.n_rows, board_columns::TRACKS, problem);
         }
