@@ -139,7 +139,7 @@ pub fn temporary_name(name: &OsStr) -> OsString {
 
 /// Removes what killed runs of this machine left of a file: temporaries of processes that do not exist any more and wrote
 /// nothing for a while. Best effort, and only where the system tells which processes exist.
-fn remove_leftovers(folder: &Path, name: &OsStr) {
+pub fn remove_leftovers(folder: &Path, name: &OsStr) {
     // Long enough for a process of another container with the same name and folder to write its next piece.
     const SILENCE: Duration = Duration::from_secs(600);
     // Of a folder with many files only the first ones are looked at, because this is done at every write.

@@ -15,8 +15,6 @@ use crate::{
 const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
 /// Magic bytes at the start of an MCAP file.
 const MCAP_MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
-const PACKED_BAG_ADVICE: &str =
-    "a file of a ROS 2 bag that is compressed as a whole: `zstd -d FILE` unpacks it";
 
 /// Number of bytes at the start of a file that detection uses.
 pub const HEAD_BYTES: usize = 64 << 10;
@@ -251,9 +249,6 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     if head.starts_with(MCAP_MAGIC) {
         return sure(RecordingFormat::Ros2Bag, "an MCAP file");
     }
-    if is_packed_bag(&lower) {
-        return Err(DetectError::Refused(PACKED_BAG_ADVICE.into()));
-    }
     if head.starts_with(b"PAR1") {
         return sure(RecordingFormat::Points, "PAR1, a Parquet file");
     }
@@ -347,12 +342,6 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     }))
 }
 
-/// Whether `ros2 bag` compressed a file of this name as a whole.
-fn is_packed_bag(name: &str) -> bool {
-    let ends = [".db3.zstd", ".mcap.zstd"];
-    ends.iter().any(|end| name.to_lowercase().ends_with(end))
-}
-
 /// Detects the format of a folder from the names of its files and of those in its subfolders, with `/` between folder
 /// and file: see [`visualizer_folder`].
 ///
@@ -364,9 +353,6 @@ pub fn detect_folder<'a>(
     let names: Vec<&str> = names.into_iter().collect();
     let visualizer = visualizer_folder(&names, None)?;
     let ros2 = ros2_bag_folder(&names)?;
-    if ros2.is_none() && names.iter().any(|name| is_packed_bag(name)) {
-        return Err(DetectError::Refused(PACKED_BAG_ADVICE.into()));
-    }
     let (mut mmfi, mut npy) = (0, 0);
     for name in names {
         let name = name.to_lowercase();
@@ -636,8 +622,8 @@ mod tests {
         }
         let folder = detect_folder(["walk/metadata.yaml", "walk/walk_0.db3"]).unwrap();
         assert_eq!(folder.format, RecordingFormat::Ros2Bag);
-        let packed = detect_folder(["walk_0.db3.zstd", "metadata.yaml"]).unwrap_err();
-        assert_eq!(Err(packed), of("walk_0.db3.zstd", b"\x28\xb5\x2f\xfd"));
+        let packed = detect_folder(["walk_0.db3.zstd", "metadata.yaml"]).unwrap();
+        assert_eq!(packed.format, RecordingFormat::Ros2Bag);
         let error = detect_folder(["walk_0.mcap", "replay_1.json"]).unwrap_err();
         assert!(
             error.to_string().contains("ros2-bag, visualizer-json"),

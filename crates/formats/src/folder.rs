@@ -213,9 +213,16 @@ pub fn choose_cfg<'a>(
     }
 }
 
-/// The extension of a file of a ROS 2 bag, and its name without that and without the number that `ros2 bag` appends.
+/// The extension of a file of a ROS 2 bag, and its name without that and without the number that `ros2 bag` appends. The
+/// recorder may have compressed the file as a whole.
 fn bag_file(name: &str) -> Option<(&str, &str)> {
-    let (stem, extension) = name.rsplit_once('.')?;
+    let (mut stem, mut extension) = name.rsplit_once('.')?;
+    if ["zstd", "zst"]
+        .iter()
+        .any(|e| extension.eq_ignore_ascii_case(e))
+    {
+        (stem, extension) = stem.rsplit_once('.')?;
+    }
     if !["db3", "mcap"]
         .iter()
         .any(|e| extension.eq_ignore_ascii_case(e))

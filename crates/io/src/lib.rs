@@ -34,6 +34,7 @@
 )]
 
 pub mod cleaning;
+mod compressed;
 pub mod error;
 pub mod firmware;
 pub mod http;

@@ -4,6 +4,7 @@ use std::{
     fs::{self, File},
     io::{Read, Seek},
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use radarllm_base::{Message, message::option};
@@ -14,6 +15,7 @@ use radarllm_formats::{
 };
 
 use crate::{
+    compressed::{Unpacked, plain_name},
     error::{Error, Result},
     options::{CaptureFormat, CaptureOptions},
     points::frames_folder,
@@ -34,17 +36,44 @@ pub enum RecordingKind {
     PointsFile,
 }
 
-/// A capture whose content is known. The file that was opened to look at its first bytes is the one that is read.
+/// A capture whose content is known. The file that was opened to look at its first bytes is the one that is read. A file
+/// that is compressed as a whole is unpacked.
 #[derive(Debug)]
 pub struct Opened {
     captures: Vec<PathBuf>,
     kind: RecordingKind,
-    /// The first capture, if it is open.
-    first: Option<File>,
+    first: FirstFile,
+}
+
+/// The first file of a capture.
+#[derive(Debug, Default)]
+struct FirstFile {
+    /// The file, if it is open.
+    file: Option<File>,
+    /// What it became, if it is compressed and was opened before.
+    unpacked: Option<Arc<Unpacked>>,
+}
+
+impl FirstFile {
+    /// Opens a file, unpacked if it is compressed.
+    fn open(path: &Path) -> Result<Self> {
+        let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
+        let Some(unpacked) = Unpacked::of(path, &mut file)? else {
+            return Ok(Self {
+                file: Some(file),
+                unpacked: None,
+            });
+        };
+        let file = File::open(unpacked.path()).map_err(|e| Error::io(path, e))?;
+        Ok(Self {
+            file: Some(file),
+            unpacked: Some(Arc::new(unpacked)),
+        })
+    }
 }
 
 /// A format, and the file that was opened to detect it.
-type Identified = (Detected, Option<File>);
+type Identified = (Detected, FirstFile);
 
 impl Opened {
     /// Opens a capture and determines its content from the named format, from options that only raw samples have, or from
@@ -101,19 +130,19 @@ impl Opened {
     /// # Errors
     /// A file that cannot be read, that does not begin like the named format, or that is in none of the known formats.
     pub fn samples(captures: &[PathBuf], named: Option<CaptureFormat>) -> Result<Self> {
-        Self::samples_in(captures, named, None)
+        Self::samples_in(captures, named, FirstFile::default())
     }
 
     fn samples_in(
         captures: &[PathBuf],
         named: Option<CaptureFormat>,
-        file: Option<File>,
+        first_file: FirstFile,
     ) -> Result<Self> {
         let path = first(captures)?;
         let mut opened = Self {
             captures: captures.to_vec(),
             kind: RecordingKind::Samples(SampleFormat::Udp),
-            first: file,
+            first: first_file,
         };
         if udp::address(&path.to_string_lossy()).is_some() {
             return Ok(opened);
@@ -125,7 +154,7 @@ impl Opened {
             .read_to_end(&mut start)
             .map_err(|e| Error::io(path, e))?;
         opened.kind = RecordingKind::Samples(sample_format(path, &start, named)?);
-        opened.first = Some(file);
+        opened.first.file = Some(file);
         Ok(opened)
     }
 
@@ -135,7 +164,22 @@ impl Opened {
         Self {
             captures: self.captures.clone(),
             kind: self.kind.clone(),
-            first: None,
+            first: FirstFile {
+                file: None,
+                unpacked: self.first.unpacked.clone(),
+            },
+        }
+    }
+
+    /// A file of a folder that is a ROS 2 bag.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn ros2_bag(path: &Path) -> Self {
+        let format = RecordingFormat::Ros2Bag;
+        let reason = "a file of the folder".into();
+        Self {
+            captures: vec![path.into()],
+            kind: RecordingKind::Points(Detected { format, reason }),
+            first: FirstFile::default(),
         }
     }
 
@@ -177,11 +221,25 @@ impl Opened {
         }
     }
 
-    /// The first file, at its first byte.
+    /// The path at which the first file can be read: that of the capture, or where it was unpacked once it was taken.
+    #[cfg(feature = "ros2")]
+    pub(crate) fn readable_path(&self) -> &Path {
+        let unpacked = self.first.unpacked.as_deref();
+        unpacked.map_or(self.path(), Unpacked::path)
+    }
+
+    /// The first file, unpacked, at its first byte.
     pub(crate) fn take_first(&mut self) -> Result<File> {
-        let file = match self.first.take() {
-            Some(mut file) => file.rewind().map(|()| file),
-            None => File::open(self.path()),
+        let file = match (self.first.file.take(), &self.first.unpacked) {
+            (Some(mut file), _) => file.rewind().map(|()| file),
+            (None, Some(unpacked)) => File::open(unpacked.path()),
+            (None, None) => {
+                self.first = FirstFile::open(self.path())?;
+                self.first
+                    .file
+                    .take()
+                    .ok_or_else(|| std::io::ErrorKind::NotFound.into())
+            }
         };
         file.map_err(|e| Error::io(self.path(), e))
     }
@@ -190,7 +248,8 @@ impl Opened {
     pub(crate) fn take_all(&mut self) -> Result<Vec<File>> {
         let mut files = vec![self.take_first()?];
         for path in &self.captures[1..] {
-            files.push(File::open(path).map_err(|e| Error::io(path, e))?);
+            // An unpacked file is removed at once: it can be read as long as it is open.
+            files.extend(FirstFile::open(path)?.file);
         }
         Ok(files)
     }
@@ -222,39 +281,40 @@ fn identify(
 ) -> Result<std::result::Result<Identified, DetectError>> {
     if let Some(format) = named {
         let reason = "as named".into();
-        return Ok(Ok((Detected { format, reason }, None)));
+        return Ok(Ok((Detected { format, reason }, FirstFile::default())));
     }
     let info = fs::metadata(path).map_err(|e| Error::io(path, e))?;
     if info.is_dir() {
         let names = visualizer::file_names(&frames_folder(path))?;
         let detected = detect_folder(names.iter().map(String::as_str));
-        return Ok(detected.map(|detected| (detected, None)));
+        return Ok(detected.map(|detected| (detected, FirstFile::default())));
     }
     if serial::is_port(path) {
         let reason = "a serial port".into();
         let format = RecordingFormat::Uart;
-        return Ok(Ok((Detected { format, reason }, None)));
+        return Ok(Ok((Detected { format, reason }, FirstFile::default())));
     }
     if !info.is_file() {
         return Err(Error::in_file(path, "a pipe can be read only once")
             .with_hint(option("format").text(" names its format")));
     }
     let mut head = Vec::new();
-    let mut file = File::open(path).map_err(|e| Error::io(path, e))?;
-    file.by_ref()
-        .take(HEAD_BYTES as u64)
-        .read_to_end(&mut head)
-        .map_err(|e| Error::io(path, e))?;
+    let first = FirstFile::open(path)?;
+    if let Some(mut file) = first.file.as_ref() {
+        file.by_ref()
+            .take(HEAD_BYTES as u64)
+            .read_to_end(&mut head)
+            .map_err(|e| Error::io(path, e))?;
+    }
     if has_columns {
         let format = match head.starts_with(NPY_MAGIC) {
             true => RecordingFormat::NpyPoints,
             false => RecordingFormat::Csv,
         };
         let reason = "its columns are named".into();
-        return Ok(Ok((Detected { format, reason }, Some(file))));
+        return Ok(Ok((Detected { format, reason }, first)));
     }
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    Ok(detect(&name, &head).map(|detected| (detected, Some(file))))
+    Ok(detect(&plain_name(path), &head).map(|detected| (detected, first)))
 }
 
 /// Turns an error of detection into one with the name of the file and a hint.

@@ -270,14 +270,44 @@ pub(crate) fn missing_of_point(has: impl Fn(Column) -> bool) -> Vec<&'static str
 }
 
 /// Columns that a table with these names lacks, as messages name them.
+///
+/// Boards without an antenna above another one measure no heights, and some recorders write no velocities: a table may lack
+/// either if another column shows that its rows are points of a radar, and if no column seems to be the one that is missing
+/// under another name.
 pub(crate) fn missing<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<&'static str> {
-    let found: Vec<Column> = names
-        .into_iter()
-        .filter_map(meaning)
-        .map(|m| m.column)
-        .collect();
+    let mut found = Vec::new();
+    let mut others = Vec::new();
+    for name in names {
+        match meaning(name) {
+            Some(meaning) => found.push(meaning.column),
+            None => others.push(key(name)),
+        }
+    }
     let has = |column| found.contains(&column);
     let mut missing = missing_of_point(has);
+    let is_of_radar = [
+        Column::Z,
+        Column::Elevation,
+        Column::Velocity,
+        Column::Intensity,
+    ]
+    .into_iter()
+    .any(has);
+    if is_of_radar {
+        let seems = |parts: &[&str], starts: &[&str]| {
+            others.iter().any(|name| {
+                parts.iter().any(|part| name.contains(part))
+                    || starts.iter().any(|start| name.starts_with(start))
+            })
+        };
+        let has_height = seems(&["height", "elev"], &["z", "el", "pos_z", "posz"]);
+        let has_velocity = seems(&["vel", "dop", "speed"], &["v"]);
+        missing.retain(|name| match *name {
+            "z" | "elevation" => has_height,
+            "velocity" => has_velocity,
+            _ => true,
+        });
+    }
     if !has(Column::Frame) && !has(Column::Time) {
         missing.push("frame or t_s");
     }
@@ -356,7 +386,8 @@ impl Columns {
             ));
         }
         let has = |column| placed.iter().any(|p| p.meaning.column == column);
-        let is_cartesian = [Column::X, Column::Y, Column::Z].into_iter().all(has);
+        let is_cartesian =
+            has(Column::X) && has(Column::Y) && (has(Column::Z) || !has(Column::Elevation));
         placed.retain(|p| {
             let is_spherical = [Column::Range, Column::Azimuth, Column::Elevation];
             let is_flat = [Column::X, Column::Y, Column::Z];
@@ -428,8 +459,32 @@ mod tests {
     fn what_is_missing_is_named_in_the_coordinates_of_the_table() {
         let of = |names: &str| missing(names.split(',')).join(" ");
         assert_eq!(of("frame,x,y"), "z velocity");
-        assert_eq!(of("range,azimuth,v"), "elevation frame or t_s");
+        assert_eq!(of("range,elevation,v"), "azimuth frame or t_s");
         assert_eq!(of("a,b"), "x y z velocity frame or t_s");
         assert_eq!(of("t,range,azimuth,elevation,doppler"), "");
+    }
+
+    #[test]
+    fn heights_or_velocities_may_be_missing_unless_a_column_may_be_them() {
+        let of = |names: &str| missing(names.split(',')).join(" ");
+        for whole in [
+            "frame,x,y,v",
+            "frame,x,y,snr",
+            "frame,x,y,z",
+            "t,range,azimuth,v",
+            "frame,range,azimuth,elevation,note",
+        ] {
+            assert_eq!(of(whole), "", "{whole}");
+        }
+        for (names, missing) in [
+            ("frame,x,y,v,height", "z"),
+            ("frame,x,y,v,z (m above floor)", "z"),
+            ("frame,x,y,z,vx,vy,vz", "velocity"),
+            ("frame,x,y,z,snr,doppler_bin", "velocity"),
+            ("frame,range,azimuth,v,el_idx", "elevation"),
+            ("frame,x,v", "y"),
+        ] {
+            assert_eq!(of(names), missing, "{names}");
+        }
     }
 }

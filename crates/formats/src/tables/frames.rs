@@ -105,14 +105,27 @@ impl FrameBuilder {
                 board: None,
             });
         }
-        let [Some(a), Some(b), Some(c)] = row.position else {
-            return self.without_point(&row);
-        };
-        let intensity_db = match has(Column::Intensity) {
-            true => row.intensity_db,
+        // What no column has is 0, which the notes say.
+        let or_zero = |value, columns: [Column; 2]| match columns.into_iter().any(has) {
+            true => value,
             false => Some(0.0),
         };
-        let (Some(velocity_mps), Some(intensity_db)) = (row.velocity_mps, intensity_db) else {
+        let [a, b, c] = row.position;
+        let values = [
+            a,
+            b,
+            or_zero(c, [Column::Z, Column::Elevation]),
+            or_zero(row.velocity_mps, [Column::Velocity; 2]),
+            or_zero(row.intensity_db, [Column::Intensity; 2]),
+        ];
+        let [
+            Some(a),
+            Some(b),
+            Some(c),
+            Some(velocity_mps),
+            Some(intensity_db),
+        ] = values
+        else {
             return self.without_point(&row);
         };
         let angles = self.columns.get(Column::Azimuth);
@@ -208,6 +221,13 @@ impl FrameBuilder {
             notes: std::mem::take(&mut self.columns.notes),
             ..PointsTable::default()
         };
+        let has = |column| self.columns.get(column).is_some();
+        if !has(Column::Z) && !has(Column::Elevation) {
+            table.warn("no column has a height: all points are at the height of the radar".into());
+        }
+        if !has(Column::Velocity) {
+            table.warn("no column has a velocity".into());
+        }
         self.resolve_angles(place, &mut table)?;
         self.resolve_intensities(&mut table);
         self.resolve_clock(place, &mut table);

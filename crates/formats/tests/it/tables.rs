@@ -440,7 +440,7 @@ fn columns_can_be_named_by_the_caller() {
     assert_eq!(table.frames.len(), 2);
     for (columns, expected) in [
         ("frame,x,y,z,v,strength,-", "names of columns such as frame"),
-        ("frame,x,y,-,v,snr,-", "columns z"),
+        ("frame,x,-,z,v,snr,-", "columns y"),
         ("frame,x,y,z,v,snr", "expected 6 cells"),
         ("frame,x,y,z,v,snr,x_mm", "one column for x"),
     ] {
@@ -454,6 +454,50 @@ fn columns_can_be_named_by_the_caller() {
     let table = read_points_npy(&array, Axes::RightForwardUp, Some("frame,x,y,z,v")).unwrap();
     assert_eq!(table.frames[2].points[0].y_m, 2.0);
     assert!(read_points_npy(&array, Axes::RightForwardUp, None).is_err());
+}
+
+/// Boards without an antenna above another one measure no heights, and some recorders write no velocities.
+#[test]
+fn tables_without_heights_or_velocities_are_read_with_a_warning() {
+    let flat = read(&rows("frame,x,y,v,snr", |n, [x, y, _, v, snr]| {
+        format!("{n},{x},{y},{v},{snr}")
+    }));
+    assert_eq!(
+        flat.warnings,
+        ["no column has a height: all points are at the height of the radar"]
+    );
+    let still = read(&rows("frame,x,y,z,snr", |n, [x, y, z, _, snr]| {
+        format!("{n},{x},{y},{z},{snr}")
+    }));
+    assert_eq!(still.warnings, ["no column has a velocity"]);
+    let spherical = read(&rows("frame,range,azimuth_deg,v", |n, [x, y, _, v, _]| {
+        let azimuth_deg = x.atan2(y).to_degrees();
+        format!("{n},{},{azimuth_deg},{v}", x.hypot(y))
+    }));
+    assert_eq!(flat.frames.len(), N_FRAMES);
+    for n in 0..N_FRAMES {
+        let read = [&flat, &still, &spherical].map(|table| &table.frames[n].points);
+        for (i, [x, y, z, v, snr]) in points(n).into_iter().enumerate() {
+            let [flat, still, spherical] = read.map(|points| points[i]);
+            assert_eq!(
+                [
+                    flat.x_m,
+                    flat.y_m,
+                    flat.z_m,
+                    flat.velocity_mps,
+                    flat.intensity_db
+                ],
+                [x, y, 0.0, v, snr].map(|v| v as f32)
+            );
+            assert!((flat.range_m - x.hypot(y) as f32).abs() < 1e-6);
+            assert_eq!([still.z_m, still.velocity_mps], [z as f32, 0.0]);
+            let difference_m = (spherical.x_m - flat.x_m).hypot(spherical.y_m - flat.y_m);
+            assert!(difference_m < 1e-5 && spherical.z_m == 0.0);
+        }
+    }
+    // A cell that is empty is not one that is missing.
+    let gap = read("frame,x,y,z,v\n0,1,2,,0.5\n0,1,2,0.5,\n0,1,2,0.5,0.5\n");
+    assert_eq!(gap.frames[0].points.len(), 1);
 }
 
 #[test]

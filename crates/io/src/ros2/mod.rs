@@ -39,7 +39,6 @@ pub(crate) use reading::read;
 mod reading {
     use std::{
         borrow::Cow,
-        fs::File,
         io::{Read, Seek},
         path::PathBuf,
     };
@@ -50,10 +49,8 @@ mod reading {
     };
 
     use super::*;
-    use crate::{opened::detect_error, visualizer};
+    use crate::{compressed::ZSTD_MAGIC, opened::detect_error, visualizer};
 
-    /// Magic bytes of a Zstandard frame: a recorder can compress every message. Those of CDR begin with a zero byte.
-    const ZSTD_MAGIC: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
     /// Magic bytes at the start of an MCAP file.
     const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
     /// Largest window of a Zstandard frame, bytes: what level 19 uses. More is memory for nothing.
@@ -83,10 +80,12 @@ mod reading {
         for (n, file) in files.iter().enumerate() {
             // Numbers of topics are those of their file.
             let base = (n as u64) << 32;
-            let mut opened = match *file == path {
-                true => capture.take_first()?,
-                false => File::open(file).map_err(|e| Error::io(file, e))?,
+            // The bag itself, or a file of the folder.
+            let part = &mut match *file == path {
+                true => capture.again(),
+                false => Opened::ros2_bag(file),
             };
+            let mut opened = part.take_first()?;
             let mut start = Vec::new();
             opened
                 .by_ref()
@@ -96,13 +95,13 @@ mod reading {
                 .map_err(|e| Error::io(file, e))?;
             match start == MCAP_MAGIC {
                 true => mcap::read(file, opened, base, &mut messages, warnings)?,
-                false => sqlite::read(file, base, &mut messages)?,
+                false => sqlite::read(file, part.readable_path(), base, &mut messages)?,
             }
         }
         Ok(messages.finish(Place::Byte(0)))
     }
 
-    /// A message as it was before the recorder compressed it.
+    /// A message as it was before the recorder compressed it. Messages of CDR begin with a zero byte.
     pub(super) fn plain(
         at: Place,
         message: &[u8],

@@ -10,10 +10,10 @@ use rusqlite::{Connection, OpenFlags, config::DbConfig, limits::Limit};
 use super::{mcap::seconds, reading::plain};
 use crate::error::{Error, Result};
 
-/// Adds the messages of a file. `base` is added to the numbers of its topics.
-pub(super) fn read(path: &Path, base: u64, messages: &mut RosMessages) -> Result {
+/// Adds the messages of a file, which lies unpacked at `readable`. `base` is added to the numbers of its topics.
+pub(super) fn read(path: &Path, readable: &Path, base: u64, messages: &mut RosMessages) -> Result {
     let wrong = |e: rusqlite::Error| Error::wrap_in_file(path, e);
-    let connection = open(path).map_err(wrong)?;
+    let connection = open(readable).map_err(wrong)?;
     for table in ["topics", "messages"] {
         let is_plain: rusqlite::Result<bool> = connection.query_row(
             "SELECT count(*) = 1 FROM sqlite_schema

@@ -10,6 +10,7 @@
 
 mod card;
 mod chirp_files;
+mod compressed;
 mod events;
 mod fake_board;
 #[allow(dead_code)]

@@ -212,6 +212,29 @@ mod with_feature {
         }
     }
 
+    /// `ros2 bag record --compression-mode file` compresses every file as a whole.
+    #[test]
+    fn files_that_are_compressed_as_a_whole_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let bag = folder.path().join("walk");
+        fs::create_dir(&bag).unwrap();
+        let messages = clouds(0..N_FRAMES, false);
+        let (first, second) = messages.split_at(5);
+        let plain = folder.path().join("plain.db3");
+        write_db3(&plain, &ONE_TOPIC, first);
+        let packed = pack("zstd", &fs::read(&plain).unwrap());
+        fs::write(bag.join("walk_0.db3.zstd"), packed).unwrap();
+        let packed = pack("zstd", &mcap(&ONE_TOPIC, second, Some("lz4")));
+        fs::write(bag.join("walk_1.mcap.zstd"), packed).unwrap();
+        fs::write(bag.join("metadata.yaml"), "rosbag2_bagfile_information:\n").unwrap();
+        assert_whole(&read(&bag).unwrap());
+        let all = folder.path().join("all.db3");
+        write_db3(&all, &ONE_TOPIC, &messages);
+        let one = folder.path().join("all.db3.ZST");
+        fs::write(&one, pack("zstd", &fs::read(&all).unwrap())).unwrap();
+        assert_whole(&read(&one).unwrap());
+    }
+
     #[test]
     fn topics_are_chosen_as_in_bags_of_ros_1() {
         let topics = [
@@ -379,13 +402,14 @@ mod with_feature {
             error.contains("an SQLite database without a table `messages`"),
             "{error}"
         );
+        // A file whose name is that of a compressed one, and whose bytes are not.
         let packed = folder.path().join("a.db3.zstd");
         fs::write(&packed, "any").unwrap();
         assert!(
             read(&packed)
                 .unwrap_err()
                 .to_string()
-                .contains("zstd -d FILE")
+                .contains("neither its first bytes nor its name")
         );
     }
 }
