@@ -152,17 +152,17 @@ def main(program, folder):
     section("wall, flat limit", "π R²", np.pi * range_m**2, field_db(ripple(0.005, range_m)), test, "wall", range_m)
 
     # Corners.
-    side = 0.04
+    side, range_m = 0.04, 9.0
     expected = 8 * np.pi * side**4 / WAVELENGTH**2
     test = "dihedral_needs_the_second_bounce"
-    section("dihedral, two bounces", "8π a² b² / λ²", expected, field_db(0.03), test, "dihedral", 20.0)
+    section("dihedral, two bounces", "8π a² b² / λ²", expected, field_db(0.03), test, "dihedral", range_m)
     row("dihedral, one bounce", "fails: the wings' sidelobes", db(expected * 0.021**2),
-        db(rcs("dihedral_single_bounce", 20.0)), 0, "dBsm", test, "dihedral_single_bounce", most=True)
+        db(rcs("dihedral_single_bounce", range_m)), 0, "dBsm", test, "dihedral_single_bounce", most=True)
     expected = 4 * np.pi * 0.06**4 / (3 * WAVELENGTH**2)
     test = "trihedral_needs_the_third_bounce"
-    section("trihedral, three bounces", "4π a⁴ / (3 λ²)", expected, 0.5, test, "trihedral", 20.0)
+    section("trihedral, three bounces", "4π a⁴ / (3 λ²)", expected, 0.5, test, "trihedral", range_m)
     row("trihedral, one bounce", "fails: the faces' edges", db(expected * 0.05**2),
-        db(rcs("trihedral_single_bounce", 20.0)), 0, "dBsm", test, "trihedral_single_bounce", most=True)
+        db(rcs("trihedral_single_bounce", range_m)), 0, "dBsm", test, "trihedral_single_bounce", most=True)
 
     # Shadow and noise.
     screen, hidden = cube("screen"), cube("hidden")

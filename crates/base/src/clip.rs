@@ -119,6 +119,15 @@ impl Clip {
         self.n_points() as f64 / self.frames.len().max(1) as f64
     }
 
+    /// Whether the speeds of the points are known: one of them has a speed, or there are no points at all, or the points come
+    /// from a source that always measures speeds. Otherwise no point is known to be static.
+    pub fn has_speeds(&self) -> bool {
+        let mut points = self.frames.iter().flat_map(|f| &f.points).peekable();
+        points.peek().is_none()
+            || points.any(|p| p.velocity_mps != 0.0)
+            || (self.clutter == Clutter::Unchecked && self.provenance.measures_speeds())
+    }
+
     /// Resamples the points to another frame rate; see [`Timeline::resample`]. The strongest points of each frame come
     /// first.
     ///
@@ -256,6 +265,18 @@ impl Provenance {
         match self {
             Self::Simulated { input, .. } => input,
             Self::Recorded { path, .. } => path,
+        }
+    }
+
+    /// Whether every point of this source has a measured speed, so that one without a speed is static: simulated and raw
+    /// samples, and streams of packets, whose points have speeds unless the clip says otherwise.
+    pub fn measures_speeds(&self) -> bool {
+        const FORMATS: [&str; 3] = ["adc", "dca1000", "uart"];
+        match self {
+            Self::Simulated { .. } => true,
+            Self::Recorded { format, .. } => {
+                (format.as_deref()).is_some_and(|format| FORMATS.contains(&format))
+            }
         }
     }
 

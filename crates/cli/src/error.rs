@@ -89,6 +89,10 @@ fn hint(error: &(dyn StdError + 'static)) -> Option<String> {
         if let Some(error) = cause.downcast_ref::<Error>() {
             return error.hint.clone();
         }
+        #[cfg(feature = "train")]
+        if let Some(error) = cause.downcast_ref::<radarllm_train::harness::TrainError>() {
+            return error.hint();
+        }
         cause.downcast_ref::<DatasetError>()?.hint()
     })?;
     Some(hint.with_options(flag))

@@ -86,6 +86,18 @@ pub(crate) fn check_free(path: &Path, force: bool) -> CliResult {
     Ok(())
 }
 
+/// Refuses to touch an existing path, for commands that replace nothing.
+#[cfg(feature = "train")]
+pub(crate) fn check_new(path: &Path) -> CliResult {
+    match path.exists() {
+        true => {
+            let problem = format!("{} exists already", path.display());
+            Err(CliError::new(problem).hint("give another --out"))
+        }
+        false => Ok(()),
+    }
+}
+
 /// Refuses a path of another extension than that of what will be written there: readers go by it.
 pub(crate) fn check_extension(path: &Path, extension: &str) -> CliResult {
     if path.extension().is_some_and(|e| e == extension) {

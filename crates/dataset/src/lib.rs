@@ -18,6 +18,7 @@
 //!     version: "0.1.0".into(),
 //!     radar_height_m: Some(1.0),
 //!     frame_rate_hz: 10.0,
+//!     has_speeds: true,
 //! };
 //! let point = RadarPoint { y_m: 2.0, range_m: 2.0, intensity_db: 60.0, ..RadarPoint::default() };
 //! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point], board: None }];

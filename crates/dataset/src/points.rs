@@ -17,6 +17,8 @@ pub struct PointsMeta {
     pub radar_height_m: Option<f32>,
     /// Frames per second (metadata key `frame_rate`); finite and positive.
     pub frame_rate_hz: f64,
+    /// Whether the speeds of the points are known ([`Clip::has_speeds`]); files that do not say that they are not have them.
+    pub has_speeds: bool,
 }
 
 impl PointsMeta {
@@ -29,6 +31,7 @@ impl PointsMeta {
             version: env!("CARGO_PKG_VERSION").into(),
             radar_height_m: (!clip.is_height_assumed).then_some(clip.radar_height_m),
             frame_rate_hz: clip.frame_rate_hz,
+            has_speeds: clip.has_speeds(),
         }
     }
 

@@ -12,8 +12,8 @@ use crate::{
 pub struct Clause {
     /// The words, in lower case.
     pub text: String,
-    /// The actions that happen in this stretch, in the order in which they are named. Several happen at once
-    /// ("walks while waving"). Empty if no action is recognised.
+    /// The actions that happen in this stretch, in the order in which they are named, but what somebody stops doing before
+    /// the stop. Several happen at once ("walks while waving"). Empty if no action is recognised.
     pub actions: Vec<Action>,
 }
 
@@ -222,6 +222,30 @@ fn beginning(words: &[Word], start: usize, after: usize) -> usize {
     at
 }
 
+/// Gerunds of what follows a stop: who "stops facing left" has not faced left before.
+const AFTER_A_STOP: [&str; 5] = ["facing", "standing", "looking", "sitting", "lying"];
+
+/// Indices of the actions of a clause, of which first word, last word and name are given, in the order in which they
+/// happen: who "stops walking" has walked before.
+fn by_time(found: &[(usize, usize, &'static str)], words: &[Word]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    for (i, pair) in found.windows(2).enumerate() {
+        let [(_, stop, _), (next, ..)] = pair else {
+            continue;
+        };
+        let word = &words[*next];
+        if words[*stop].text.starts_with("stop")
+            && *next == stop + 1
+            && !word.after_comma
+            && word.text.ends_with("ing")
+            && !AFTER_A_STOP.contains(&word.text.as_str())
+        {
+            order.swap(i, i + 1);
+        }
+    }
+    order
+}
+
 fn clause(text: &str) -> Clause {
     let mut actions: Vec<Action> = Vec::new();
     for part in text.split(" while ").flat_map(|p| p.split(" whilst ")) {
@@ -248,7 +272,8 @@ fn clause(text: &str) -> Clause {
         // "Without bending the knees" states no bending.
         found.retain(|(start, ..)| !matches!(texts[..*start], [.., "without" | "not" | "never"]));
         found.sort_unstable();
-        for (i, (start, _, name)) in found.iter().enumerate() {
+        for i in by_time(&found, &words) {
+            let (start, _, name) = &found[i];
             // Attributes stand between an action and the next one. Those before the first belong to it.
             let from = match i {
                 0 => 0,
@@ -425,6 +450,32 @@ mod tests {
             names("a person walks while waving both hands, then kicks, and finally bows"),
             [vec!["walk", "wave"], vec!["kick"], vec!["bow"]]
         );
+    }
+
+    #[test]
+    fn who_stops_doing_something_has_done_it_before() {
+        for sentence in [
+            "a person stops walking",
+            "a person walks forward and stops walking",
+        ] {
+            assert_eq!(names(sentence), [["walk", "stop"]], "{sentence}");
+        }
+        assert_eq!(names("a person stops, walking"), [["stop", "walk"]]);
+    }
+
+    #[test]
+    fn who_moves_a_box_does_not_box() {
+        for sentence in [
+            "a person moves a box",
+            "someone is moving the heavy boxes to the left",
+            "a person moves a chair",
+            "the person shifts the table",
+        ] {
+            assert_eq!(names(sentence), [["move_object"]], "{sentence}");
+        }
+        for sentence in ["a person boxes", "a person moves around while boxing"] {
+            assert!(names(sentence).concat().contains(&"punch"), "{sentence}");
+        }
     }
 
     #[test]

@@ -490,9 +490,16 @@ fn npy(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
         );
     }
     match shape.as_slice() {
-        [_, 8, 8, 5] | [_, 64, 5] => {
-            sure(RecordingFormat::Mars, format!("npy feature maps {shape:?}"))
-        }
+        [_, 8, 8, 5] => sure(RecordingFormat::Mars, format!("npy feature maps {shape:?}")),
+        // Feature maps of MARS that were flattened, or frames of any board that were filled up.
+        [_, 64, 5] => Err(DetectError::Ambiguous {
+            reason: format!("npy of shape {shape:?}"),
+            choices: vec![RecordingFormat::Mars, RecordingFormat::NpyPoints],
+        }),
+        [_, _, 5] => sure(
+            RecordingFormat::NpyPoints,
+            "npy of frames with five columns",
+        ),
         [_, 7] => sure(RecordingFormat::NpyPoints, "npy of seven columns"),
         [_, 6] if numbered(name, "frame_").is_some() => {
             sure(RecordingFormat::MmBody, "frame_N.npy of six columns")

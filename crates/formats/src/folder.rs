@@ -213,6 +213,50 @@ pub fn choose_cfg<'a>(
     }
 }
 
+/// What the parts of a raw capture have in common, and the number of a part, if a file has the name that mmWave Studio gives
+/// one: `NAME_Raw_0.bin`.
+pub fn raw_part(name: &str) -> Option<(&str, u64)> {
+    const MARK: &str = "_raw_";
+    let at = name.to_ascii_lowercase().rfind(MARK)?;
+    let (common, rest) = name.split_at(at + MARK.len());
+    let (number, extension) = rest.split_once('.')?;
+    let is_part = extension.eq_ignore_ascii_case("bin") && !number.is_empty();
+    is_part.then_some((common, number.parse().ok()?))
+}
+
+/// The files of a raw capture in a folder, in order: `adc_data.bin`, or the parts `NAME_Raw_0.bin`, `NAME_Raw_1.bin` and so on;
+/// `None` if there are none.
+///
+/// # Errors
+/// [`DetectError::SeveralRecordings`] if there are several captures.
+pub fn raw_capture_folder(names: &[&str]) -> Result<Option<Vec<String>>, DetectError> {
+    let mut captures: BTreeMap<&str, Vec<(u64, &str)>> = BTreeMap::new();
+    for &name in names {
+        if let Some((common, number)) = raw_part(name) {
+            captures.entry(common).or_default().push((number, name));
+        } else if name.eq_ignore_ascii_case("adc_data.bin") {
+            captures.entry(name).or_default().push((0, name));
+        }
+    }
+    let mut captures = captures.into_values();
+    let (Some(mut parts), next) = (captures.next(), captures.next()) else {
+        return Ok(None);
+    };
+    if let Some(other) = next {
+        let firsts = [Some(parts), Some(other), captures.next()];
+        let firsts = firsts
+            .into_iter()
+            .flatten()
+            .filter_map(|parts| parts.into_iter().next());
+        let firsts = firsts.map(|(_, name)| name.to_owned()).collect();
+        return Err(DetectError::SeveralRecordings(firsts));
+    }
+    parts.sort_unstable();
+    Ok(Some(
+        parts.into_iter().map(|(_, name)| name.to_owned()).collect(),
+    ))
+}
+
 /// The extension of a file of a ROS 2 bag, and its name without that and without the number that `ros2 bag` appends. The
 /// recorder may have compressed the file as a whole.
 fn bag_file(name: &str) -> Option<(&str, &str)> {
@@ -412,6 +456,33 @@ mod tests {
                 names: vec!["a.cfg".into(), "b.cfg".into()],
                 is_in_parent: true
             }
+        );
+    }
+
+    #[test]
+    fn the_parts_of_a_raw_capture_are_in_the_order_of_their_numbers() {
+        assert_eq!(raw_part("adc_data_Raw_10.bin"), Some(("adc_data_Raw_", 10)));
+        for name in [
+            "adc_data.bin",
+            "x_Raw_.bin",
+            "x_Raw_1.csv",
+            "x_Raw_LogFile.csv",
+            "x_raw_1a.bin",
+        ] {
+            assert_eq!(raw_part(name), None, "{name}");
+        }
+        let of = |names: &[&str]| raw_capture_folder(names).unwrap();
+        let names = ["a_Raw_10.bin", "a_Raw_2.bin", "a_LogFile.csv", "a.cfg"];
+        assert_eq!(of(&names).unwrap(), ["a_Raw_2.bin", "a_Raw_10.bin"]);
+        assert_eq!(
+            of(&["ADC_Data.bin", "notes.txt"]).unwrap(),
+            ["ADC_Data.bin"]
+        );
+        assert_eq!(of(&["notes.txt"]), None);
+        let error = raw_capture_folder(&["a_Raw_0.bin", "b_Raw_0.bin"]).unwrap_err();
+        assert!(
+            error.to_string().contains("a_Raw_0.bin, b_Raw_0.bin"),
+            "{error}"
         );
     }
 

@@ -35,6 +35,10 @@ pub const CONFIG_FILE: &str = "config.json";
 pub const MODEL_FILE: &str = "model.safetensors";
 /// Name of the checksum file.
 pub const CHECKSUM_FILE: &str = "checksums.json";
+/// End of the name of a checkpoint that is being written.
+pub const UNFINISHED_SUFFIX: &str = ".tmp";
+/// End of the name of a checkpoint while a new one takes its place.
+pub const REPLACED_SUFFIX: &str = ".old";
 
 /// Maximum size of a JSON or other small file, in bytes: far above any tokenizer vocabulary.
 const MAX_SMALL_FILE_BYTES: u64 = 64 << 20;
@@ -268,7 +272,7 @@ impl CheckpointFiles {
             _ => PathBuf::from("."),
         };
         fs::create_dir_all(&parent).map_err(io_error(&parent))?;
-        let staging = sibling(dir, ".tmp");
+        let staging = sibling(dir, UNFINISHED_SUFFIX);
         remove_dir(&staging)?;
         fs::create_dir(&staging).map_err(io_error(&staging))?;
         let mut sums = BTreeMap::new();
@@ -288,7 +292,7 @@ impl CheckpointFiles {
         sync_folder(&staging).map_err(io_error(&staging))?;
         // A directory cannot be renamed over a directory that is not empty, so the old checkpoint is renamed first.
         // `Checkpoint::open` finds it under that name if the process dies between the two renames.
-        let aside = sibling(dir, ".old");
+        let aside = sibling(dir, REPLACED_SUFFIX);
         if dir.exists() {
             remove_dir(&aside)?;
             fs::rename(dir, &aside).map_err(io_error(dir))?;
@@ -367,7 +371,7 @@ impl Checkpoint {
     /// If `dir` contains no checkpoint or a damaged one.
     pub fn open(dir: &Path) -> Result<Self, CheckpointError> {
         let mut dir = dir.to_path_buf();
-        let aside = sibling(&dir, ".old");
+        let aside = sibling(&dir, REPLACED_SUFFIX);
         if !dir.exists() && aside.exists() {
             dir = aside;
         }

@@ -156,7 +156,7 @@ fn mean_background(
     let captures = std::slice::from_ref(path);
     let opened = Opened::samples(captures, format)?;
     let mut remarks = Vec::new();
-    let mut frames = open_samples(opened, radar, layout, &mut remarks)?;
+    let mut frames = open_samples(opened, radar, layout, &mut remarks, &mut Vec::new())?;
     notes.extend(remarks.into_iter().map(|n| format!("background: {n}")));
     let config = radar.config()?;
     let mut room = EmptyRoom::new(config);

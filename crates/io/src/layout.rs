@@ -37,9 +37,12 @@ pub struct ChosenLayout {
     pub tried: IqOrder,
     /// Remarks for the user.
     pub notes: Vec<String>,
+    /// Those of which a user should know before trusting the points: files whose size is not that of whole frames.
+    pub warnings: Vec<String>,
 }
 
-/// Opens a recording of raw samples and determines its layout. Remarks are added to `notes`.
+/// Opens a recording of raw samples and determines its layout. Remarks are added to `notes`, and those of which a user should
+/// know before trusting the points to `warnings`, too.
 ///
 /// # Errors
 /// A file that cannot be read, or a layout that neither the options nor the radar's description determine.
@@ -48,6 +51,7 @@ pub fn open_samples(
     radar: &OpenedRadar,
     options: &LayoutOptions,
     notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> Result<SampleFrames> {
     let files = SampleFiles::new(opened)?;
     if files.format() == SampleFormat::Npy {
@@ -55,6 +59,7 @@ pub fn open_samples(
     }
     let chosen = choose_layout(&files, radar, options)?;
     notes.extend(chosen.notes);
+    warnings.extend(chosen.warnings);
     if let (SampleKind::Complex { order }, Some(verdict)) = (chosen.layout.data, chosen.verdict) {
         notes.push(format!(
             "read with {}; {}",
@@ -100,7 +105,7 @@ pub fn choose_layout(
         lanes,
         data: named.unwrap_or(complex(IqOrder::IFirst)),
     };
-    let mut notes = Vec::new();
+    let (mut notes, mut warnings) = (Vec::new(), Vec::new());
     if format == SampleFormat::Adc {
         for finding in check_capture(radar, files.n_bytes()?, tried) {
             if finding.severity == Severity::Error {
@@ -118,6 +123,9 @@ pub fn choose_layout(
                         .text(" define the size of a frame"),
                 ));
             }
+            if finding.severity == Severity::Warning {
+                warnings.push(finding.message.clone());
+            }
             notes.push(finding.message);
         }
     }
@@ -127,6 +135,7 @@ pub fn choose_layout(
             verdict: None,
             tried: IqOrder::IFirst,
             notes,
+            warnings,
         });
     };
     if format == SampleFormat::Udp {
@@ -145,6 +154,7 @@ pub fn choose_layout(
             verdict: None,
             tried: IqOrder::IFirst,
             notes,
+            warnings,
         });
     }
     let verdict = judge(files, radar, tried)?;
@@ -210,6 +220,7 @@ pub fn choose_layout(
         verdict: Some(verdict),
         tried: order,
         notes,
+        warnings,
     })
 }
 

@@ -12,6 +12,7 @@ use radarllm_files::{bounded, npy::NPY_MAGIC};
 use radarllm_formats::{
     DetectError, Detected, RecordingFormat, SampleFormat, detect,
     detect::{HEAD_BYTES, detect_folder},
+    folder::raw_capture_folder,
 };
 
 use crate::{
@@ -94,6 +95,11 @@ impl Opened {
         captures: &[PathBuf],
         options: &CaptureOptions,
     ) -> Result<std::result::Result<Self, DetectError>> {
+        let captures = match files_of_folder(captures)? {
+            Ok(captures) => captures,
+            Err(error) => return Ok(Err(error)),
+        };
+        let captures = &captures[..];
         let path = first(captures)?;
         let named = options.format;
         let holds_samples = udp::address(&path.to_string_lossy()).is_some()
@@ -264,6 +270,30 @@ impl Opened {
     pub(crate) fn text(&mut self) -> Result<String> {
         Ok(bounded::text_of(self.bytes()?, self.path())?)
     }
+}
+
+/// The captures, or the files of a folder that holds a raw capture and no recording of points.
+fn files_of_folder(captures: &[PathBuf]) -> Result<std::result::Result<Vec<PathBuf>, DetectError>> {
+    let [folder] = captures else {
+        return Ok(Ok(captures.to_vec()));
+    };
+    if !folder.is_dir() {
+        return Ok(Ok(captures.to_vec()));
+    }
+    let names = visualizer::file_names(folder)?;
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let is_other = !matches!(
+        detect_folder(names.iter().copied()),
+        Err(DetectError::Unknown(_))
+    );
+    if is_other {
+        return Ok(Ok(captures.to_vec()));
+    }
+    Ok(match raw_capture_folder(&names) {
+        Ok(Some(files)) => Ok(files.into_iter().map(|name| folder.join(name)).collect()),
+        Ok(None) => Ok(captures.to_vec()),
+        Err(error) => Err(error),
+    })
 }
 
 fn first(captures: &[PathBuf]) -> Result<&Path> {

@@ -18,7 +18,7 @@ use radarllm_formats::{
     recordings::{
         Axes, Bag, BagError, mmbody, read_bag, read_mars_features, read_mars_points,
         read_matlab_points, read_mmbody_frame, read_mmfi_frame, read_radhar_points,
-        read_track_table, read_windows_json,
+        read_track_table, read_windows_json, windows_json::WINDOW_GAP_S,
     },
     tables::{PointsTable, read_points_csv, read_points_npy, unlikely_snr},
     uart::{Guess, UartReport},
@@ -28,7 +28,7 @@ use crate::{
     error::{Error, Result},
     opened::{MAX_FILE_BYTES, Opened, RecordingKind, columns_hint},
     options::{CaptureOptions, PointOptions, mounting_angles},
-    radar::OpenedRadar,
+    radar::{OpenedRadar, RadarSource},
     ros2,
     stream::UartStream,
     visualizer,
@@ -45,6 +45,8 @@ pub struct RecordedPoints {
     pub provenance: Provenance,
     /// Height of the radar above the floor, m, if the recording's chirp file states it.
     pub radar_height_m: Option<f32>,
+    /// Whether the speeds of the points are known, as far as the format tells; see [`radarllm_base::Clip::has_speeds`].
+    pub has_speeds: bool,
     /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
     /// What a user should know before trusting the points, a sentence each.
@@ -117,7 +119,10 @@ pub fn open_points(
             table.frames
         }
         RecordingFormat::WindowsJson => {
-            read_windows_json(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
+            let frames =
+                read_windows_json(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?;
+            notes.push(about_windows(&frames));
+            frames
         }
         RecordingFormat::Bag => {
             let file = BufReader::new(capture.take_first()?);
@@ -185,6 +190,12 @@ pub fn open_points(
     }
     let position = position.or_else(|| radar?.points.position);
     let timeline = timeline(path, format, frames, radar, options)?;
+    if options.frame_rate_hz.is_none()
+        && let Some(text) = other_rate(radar, timeline.frame_rate_hz)
+    {
+        notes.push(text.clone());
+        warnings.push(text);
+    }
     let mounting = match is_level {
         true if options.mounting()? != Mounting::default() => {
             return Err(Error::in_file(
@@ -196,9 +207,10 @@ pub fn open_points(
         true => Mounting::default(),
         false => {
             let n_notes = notes.len();
-            let mounting = mounting(options, position.filter(|_| from_firmware), &mut notes)?;
-            // Angles of the chirp file that are not used.
-            if mounting == options.mounting()? {
+            let position = position.filter(|_| from_firmware || in_axes_of_radar(format));
+            let mounting = mounting(options, position, &mut notes)?;
+            // Angles of the chirp file that are not used, or used for a table that may be level already.
+            if mounting == options.mounting()? || !from_firmware {
                 warnings.extend_from_slice(&notes[n_notes..]);
             }
             mounting
@@ -218,12 +230,37 @@ pub fn open_points(
         timeline,
         radar: radar_name(format, radar),
         radar_height_m: position
-            .filter(|_| from_firmware)
+            .filter(|_| from_firmware || in_axes_of_radar(format))
             .map(|p| p.height_m as f32),
         provenance: Provenance::recorded(&format_name, path.display()),
+        has_speeds: true,
         notes,
         warnings,
     })
+}
+
+/// Whether the points of a table or a bag are in the axes of a radar, so that its mounting counts: that of data sets is their
+/// own.
+fn in_axes_of_radar(format: RecordingFormat) -> bool {
+    [
+        RecordingFormat::Csv,
+        RecordingFormat::NpyPoints,
+        RecordingFormat::Bag,
+        RecordingFormat::Ros2Bag,
+    ]
+    .contains(&format)
+}
+
+/// How often a recording of windows was stopped, and what its times are then.
+fn about_windows(frames: &[RecordedFrame]) -> String {
+    let is_next = |pair: &&[RecordedFrame]| {
+        let [before, after] = [&pair[0], &pair[1]].map(|frame| frame.stamp_s.unwrap_or_default());
+        after - before >= WINDOW_GAP_S
+    };
+    let n_windows = 1 + frames.windows(2).filter(is_next).count();
+    format!(
+        "{n_windows} windows: their times are put {WINDOW_GAP_S} s apart, because windows need not be in order of time"
+    )
 }
 
 /// What a user should know of frame numbers that were damaged, and of those that went back.
@@ -425,6 +462,20 @@ fn timeline(
         (None, None) => stated_rate_hz(format),
     };
     Timeline::new(frames, frame_rate_hz).map_err(|e| no_rate(path, e))
+}
+
+/// What the clock of a recording says against its chirp file, where it is used instead: the file may be that of another one.
+fn other_rate(radar: Option<&OpenedRadar>, clock_hz: f64) -> Option<String> {
+    /// Clocks of computers lose frames and jitter by less.
+    const TOLERANCE: f64 = 0.2;
+    let radar = radar.filter(|radar| matches!(radar.source, RadarSource::TiCfg(_)))?;
+    let file_hz = radar.points.frame_rate_hz();
+    ((clock_hz / file_hz - 1.0).abs() > TOLERANCE).then(|| {
+        format!(
+            "the clock of the recording has {clock_hz:.2} frames/s and is used, and the chirp file has {file_hz:.2}: it may be \
+             that of another recording"
+        )
+    })
 }
 
 /// The error of frames that get no times, with a hint where their rate is missing.

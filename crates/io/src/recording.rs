@@ -80,35 +80,35 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
         radar,
         provenance,
         radar_height_m,
+        has_speeds,
         mut notes,
         warnings,
     } = open_points(opened, options.radar.as_ref(), &options.points)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
-    let mut clutter = options.points.clutter();
-    if !have_speeds(&timeline.frames) {
-        notes.push(NO_SPEEDS.into());
-        clutter = Clutter::Settled;
-    }
     let height_m = options.radar_height_m.or(radar_height_m);
+    let mut clip = Clip {
+        frames: timeline.frames,
+        frame_rate_hz: timeline.frame_rate_hz,
+        radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+        is_height_assumed: height_m.is_none(),
+        radar,
+        provenance,
+        clutter: options.points.clutter(),
+    };
+    keep_all_without_speeds(&mut clip, has_speeds, &mut notes);
     Ok(Recording {
-        clip: Clip {
-            frames: timeline.frames,
-            frame_rate_hz: timeline.frame_rate_hz,
-            radar_height_m: height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
-            is_height_assumed: height_m.is_none(),
-            radar,
-            provenance,
-            clutter,
-        },
+        clip,
         notes,
         warnings,
     })
 }
 
-/// Whether a point has a speed. Where none has, none is known to be static.
-fn have_speeds(frames: &[PointFrame]) -> bool {
-    let mut points = frames.iter().flat_map(|f| &f.points);
-    points.any(|p| p.velocity_mps != 0.0)
+/// Where no speeds are known, no point is known to be static, and all are kept.
+fn keep_all_without_speeds(clip: &mut Clip, are_measured: bool, notes: &mut Vec<String>) {
+    if !are_measured || !clip.has_speeds() {
+        notes.push(NO_SPEEDS.into());
+        clip.clutter = Clutter::Settled;
+    }
 }
 
 /// Opens a points file of this project.
@@ -133,14 +133,38 @@ fn points_file(file: PointsFile, options: &CaptureOptions) -> Result<Recording> 
     timeline = place(timeline, &options.points, options.points.mounting()?)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
     let mut clip = about.with_frames(timeline.frames);
-    if !have_speeds(&clip.frames) {
-        notes.push(NO_SPEEDS.into());
-        clip.clutter = Clutter::Settled;
-    }
+    keep_all_without_speeds(&mut clip, file.meta.has_speeds, &mut notes);
+    let warnings: Vec<String> = not_used_of(&file.meta, options).into_iter().collect();
+    notes.extend_from_slice(&warnings);
     Ok(Recording {
         clip,
         notes,
-        warnings: Vec::new(),
+        warnings,
+    })
+}
+
+/// The options that a points file does not use, because it states what they are about; `None` if there are none.
+pub(crate) fn not_used_of(meta: &PointsMeta, options: &CaptureOptions) -> Option<String> {
+    let rate_hz = options.points.frame_rate_hz;
+    let radar = options.radar.as_ref().map(|radar| &radar.points.name);
+    let not_used = [
+        (
+            "frame_rate",
+            rate_hz.is_some_and(|rate_hz| rate_hz != meta.frame_rate_hz),
+        ),
+        ("orientation", options.points.orientation.is_some()),
+        ("radar", radar.is_some_and(|name| *name != meta.radar)),
+    ];
+    let names: Vec<String> = (not_used.into_iter().filter(|(_, is_given)| *is_given))
+        .map(|(name, _)| format!("`{name}`"))
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "not used: {}, because a points file states its radar ({}), its frame rate ({:.2} Hz) and has axes of its own",
+            names.join(", "),
+            meta.radar,
+            meta.frame_rate_hz
+        )
     })
 }
 
@@ -185,6 +209,8 @@ pub struct SampleRecording {
     health: Health,
     options: CaptureOptions,
     notes: Vec<String>,
+    /// What the size of the files shows; it is among the notes, too.
+    warnings: Vec<String>,
     /// Memory of a frame.
     cube: Option<RadarCube>,
     /// Number of the first frame that was read.
@@ -224,7 +250,9 @@ impl SampleRecording {
         )?;
         let dsp = options.processing.clone().unwrap_or_default();
         let extractor = PointExtractor::new(&config, cleaning::chain(&options.cleaning, dsp))?;
-        let frames = open_samples(opened, &radar, &options.layout, &mut notes)?;
+        let mut warnings = Vec::new();
+        let layout = &options.layout;
+        let frames = open_samples(opened, &radar, layout, &mut notes, &mut warnings)?;
         Ok(Self {
             captures,
             format,
@@ -236,6 +264,7 @@ impl SampleRecording {
             extractor,
             options: options.clone(),
             notes,
+            warnings,
             cube: None,
             first_frame: None,
             ahead: None,
@@ -449,12 +478,19 @@ impl SampleRecording {
     /// Notes for the user up to now: layout, background, signal health, lost packets.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
-        notes.extend(self.warnings());
+        notes.extend(self.while_read());
         notes
     }
 
-    /// The notes of which a user should know before trusting the points: signal health, lost packets.
+    /// The notes of which a user should know before trusting the points: size of the files, signal health, lost packets.
     pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = self.warnings.clone();
+        warnings.extend(self.while_read());
+        warnings
+    }
+
+    /// What was seen while frames were read.
+    fn while_read(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         self.health.report(&self.frames, &mut warnings);
         if self.frames.overruns() > 0 {

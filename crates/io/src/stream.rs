@@ -25,7 +25,7 @@ use crate::{
         RecordedPoints, about_numbers, check_stream, explain_reasons, mounting, no_rate, radar_name,
     },
     radar::OpenedRadar,
-    recording::{NO_SPEEDS, about_points_file},
+    recording::{NO_SPEEDS, about_points_file, not_used_of},
     serial, visualizer,
 };
 
@@ -110,7 +110,11 @@ pub struct PointsFileStream {
     reader: PointsReader,
     about: Clip,
     placing: Placing,
-    has_speeds: bool,
+    /// Whether there are points, and one of them has a speed.
+    has_points: bool,
+    has_speed: bool,
+    /// Options that are not used.
+    warnings: Vec<String>,
     /// Recording of the empty scene, if points of it are removed.
     empty_scene: Option<PathBuf>,
 }
@@ -123,12 +127,15 @@ impl PointsFileStream {
             return Ok(None);
         };
         let about = about_points_file(reader.meta(), options);
+        let warnings = not_used_of(reader.meta(), options).into_iter().collect();
         let (points, background) = (&options.points, cleaning::point_background(options)?);
         Ok(Some(Self {
             reader,
             placing: Placing::new(points, points.mounting()?, about.frame_rate_hz, background)?,
             about,
-            has_speeds: false,
+            has_points: false,
+            has_speed: false,
+            warnings,
             empty_scene: options.cleaning.background.clone(),
         }))
     }
@@ -137,16 +144,21 @@ impl PointsFileStream {
         let Some(frame) = self.reader.next_frame()? else {
             return Ok(None);
         };
-        self.has_speeds |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
+        self.has_points |= !frame.points.is_empty();
+        self.has_speed |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
         Ok(Some(self.placing.apply(frame)))
     }
 
     fn finish(self) -> StreamEnd {
         let about = |path: PathBuf| self.placing.about_background(&path);
+        let is_measured =
+            !self.has_points || self.has_speed || self.about.provenance.measures_speeds();
+        let mut notes: Vec<String> = self.empty_scene.and_then(about).into_iter().collect();
+        notes.extend_from_slice(&self.warnings);
         StreamEnd {
-            notes: self.empty_scene.and_then(about).into_iter().collect(),
-            warnings: Vec::new(),
-            has_speeds: self.has_speeds,
+            notes,
+            warnings: self.warnings,
+            has_speeds: self.reader.meta().has_speeds && is_measured,
         }
     }
 }
@@ -173,7 +185,6 @@ pub struct UartStream {
     /// Whether a frame was read, and whether the board stated a track in one.
     has_frames: bool,
     has_tracks: bool,
-    has_speeds: bool,
     /// Velocity of a Doppler bin, m/s, if it is known.
     doppler_step_mps: Option<f64>,
     /// [`TimelineError::NoRate`] if the frame rate is not known.
@@ -195,7 +206,7 @@ struct End {
 }
 
 /// What is known of a recording once it was read to its end.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct StreamEnd {
     /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
@@ -279,7 +290,6 @@ impl UartStream {
             read: VecDeque::new(),
             has_frames: false,
             has_tracks: false,
-            has_speeds: false,
             clock,
             placing,
             empty_scene: options.cleaning.background.clone(),
@@ -323,9 +333,7 @@ impl UartStream {
     fn next_frame(&mut self) -> Result<Option<PointFrame>> {
         loop {
             if let Some(frame) = self.next_timed()? {
-                let frame = self.placing.apply(frame);
-                self.has_speeds |= frame.points.iter().any(|p| p.velocity_mps != 0.0);
-                return Ok(Some(frame));
+                return Ok(Some(self.placing.apply(frame)));
             }
             if self.parser.is_none() {
                 return Ok(None);
@@ -460,7 +468,8 @@ impl UartStream {
         Ok(StreamEnd {
             notes,
             warnings,
-            has_speeds: self.has_speeds,
+            // A demo that sends speeds measures them also where all are zero.
+            has_speeds: !has_doppler_bins || self.doppler_step_mps.is_some(),
         })
     }
 
@@ -474,13 +483,16 @@ impl UartStream {
         let (radar, radar_height_m) = (self.radar(), self.radar_height_m);
         let provenance = self.provenance.clone();
         let StreamEnd {
-            notes, warnings, ..
+            notes,
+            warnings,
+            has_speeds,
         } = self.finish()?;
         Ok(RecordedPoints {
             timeline,
             radar,
             provenance,
             radar_height_m,
+            has_speeds,
             notes,
             warnings,
         })

@@ -20,6 +20,10 @@ const MIN_EXTENT_BY_POINTS_M: f32 = 1.0;
 /// who stays: who sits down or turns on a chair moves the track by up to half a metre.
 const MAX_SHIFT_S: f64 = 4.0;
 const MIN_EXTENT_M: f32 = 0.6;
+/// Somebody who stays is at another place, and has a state of their own there, if the middles of the places of this time
+/// before and after, s, are farther apart than this, m.
+const PLACE_S: f64 = 5.0;
+const OTHER_PLACE_M: f32 = 0.6;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
 /// Probability of a posture from which on it is stated where the site is not known well: a wrong posture says less than
@@ -193,7 +197,9 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
         }
         has_fallen = state.activity == Activity::Falls;
     }
-    let mut states = joined(states);
+    let mut states: Vec<State> = (joined(states).into_iter())
+        .flat_map(|state| by_place(person, state))
+        .collect();
     for state in &mut states {
         let [from_m, to_m] = state.distances_m();
         let distances_m = places_of_seconds(person, state)
@@ -215,20 +221,79 @@ fn stays_beside(states: &[State], at: usize) -> Option<State> {
         .max_by(|a, b| (a.end_s - a.start_s).total_cmp(&(b.end_s - b.start_s)))
 }
 
+/// A state of somebody who stays, or one for each place if the person goes a step aside, takes the chair along, or is
+/// followed by somebody else: the distance of one would be wrong for the other. A place is the middle of those of its time.
+fn by_place(person: &TrackedPerson, state: State) -> Vec<State> {
+    if !matches!(state.activity, Activity::Stays(_) | Activity::StaysSomehow) {
+        return vec![state];
+    }
+    let places = timed_places(person, &state);
+    // Places of a second come every half.
+    let n = (2.0 * PLACE_S) as usize;
+    let moved_m = |at: usize| {
+        let [before, after] = [&places[at - n..at], &places[at..at + n]].map(middle);
+        (before[0] - after[0]).hypot(before[1] - after[1])
+    };
+    let candidates = n..(places.len() + 1).saturating_sub(n);
+    let moved: Vec<(usize, f32)> = candidates.map(|at| (at, moved_m(at))).collect();
+    let mut cuts: Vec<usize> = vec![0];
+    for run in moved.chunk_by(|a, b| (a.1 > OTHER_PLACE_M) == (b.1 > OTHER_PLACE_M)) {
+        let farthest = run.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        cuts.extend(
+            farthest
+                .filter(|cut| cut.1 > OTHER_PLACE_M)
+                .map(|cut| cut.0),
+        );
+    }
+    cuts.push(places.len());
+    let part = |pair: &[usize]| {
+        let of_part = &places[pair[0]..pair[1]];
+        let time_s = |at: usize| places.get(at).map_or(state.end_s, |place| place.0);
+        let place_m = match of_part.is_empty() {
+            true => state.places_m[1],
+            false => middle(of_part),
+        };
+        State {
+            start_s: if pair[0] == 0 {
+                state.start_s
+            } else {
+                time_s(pair[0])
+            },
+            end_s: time_s(pair[1]),
+            places_m: [place_m; 2],
+            ..state
+        }
+    };
+    cuts.windows(2).map(part).collect()
+}
+
+/// The middle of places, of each axis by itself.
+fn middle(places: &[(f64, [f32; 2])]) -> [f32; 2] {
+    [0, 1].map(|axis| {
+        quantile_nearest(places.iter().map(|place| place.1[axis]), 0.5).unwrap_or_default()
+    })
+}
+
 /// The places of a person in a state, m, each the mean of a second.
 fn places_of_seconds(person: &TrackedPerson, state: &State) -> Vec<[f32; 2]> {
-    let mut places_m: Vec<[f32; 2]> = Vec::new();
+    let places = timed_places(person, state).into_iter();
+    places.map(|(_, place_m)| place_m).collect()
+}
+
+/// The same with the times at which the seconds begin, s; they come every half second.
+fn timed_places(person: &TrackedPerson, state: &State) -> Vec<(f64, [f32; 2])> {
+    let mut places = Vec::new();
     let mut t_s = state.start_s;
     while t_s < state.end_s {
         let samples = person.between(t_s, (t_s + 1.0).min(state.end_s));
         let n = samples.len() as f32;
         if n > 0.0 {
             let mean = |axis: usize| samples.iter().map(|s| s.place_m[axis]).sum::<f32>() / n;
-            places_m.push([mean(0), mean(1)]);
+            places.push((t_s, [mean(0), mean(1)]));
         }
         t_s += 0.5;
     }
-    places_m
+    places
 }
 
 /// Largest distance between places, m.
@@ -471,6 +536,42 @@ mod tests {
         let walked = found(1.5);
         assert_eq!(walked.len(), 3, "{walked:?}");
         assert_eq!(walked[1].0, Activity::Walks);
+    }
+
+    /// Who takes the chair along sits at two places; who leans forward for a moment at one.
+    #[test]
+    fn somebody_who_stays_at_another_place_has_a_state_there() {
+        let places = |from_m: f32, to_m: f32, back_s: f64| {
+            let at = |t: f64| {
+                let share = ((t as f32 - 20.0) / 1.0).clamp(0.0, 1.0);
+                let y_m = match t > back_s {
+                    true => from_m,
+                    false => from_m + (to_m - from_m) * share,
+                };
+                Some([y_m, -0.4, 0.0])
+            };
+            let site = Site::unlearned("board", 1.5);
+            let states = measure(&frames(60.0, at), &site).unwrap();
+            let sits = states.iter();
+            let sits = sits.filter(|s| matches!(s.activity, Activity::Stays(Posture::Sitting)));
+            sits.map(|s| (s.start_s.round() as i32, s.distances_m()[1]))
+                .collect::<Vec<(i32, f32)>>()
+        };
+        let moved = places(2.0, 2.9, 99.0);
+        let [(0, first_m), (then_s, second_m)] = moved[..] else {
+            panic!("{moved:?}")
+        };
+        assert!(
+            (first_m - 2.0).abs() < 0.01 && (second_m - 2.9).abs() < 0.01,
+            "{moved:?}"
+        );
+        assert!((18..24).contains(&then_s), "{moved:?}");
+        assert_eq!(places(2.0, 2.3, 99.0).len(), 1);
+        let leans = places(2.0, 2.5, 22.0);
+        assert!(
+            leans.len() == 1 && (leans[0].1 - 2.0).abs() < 0.05,
+            "{leans:?}"
+        );
     }
 
     /// Where height and tilt of the radar are only stated, a posture is stated where it is clear.

@@ -288,20 +288,19 @@ impl PyPoints {
         let mut frames = file.frames;
         frames.iter_mut().for_each(PointFrame::sort_by_intensity);
         // As in files: where no point has a speed, none is known to be static.
-        let mut points = frames.iter().flat_map(|f| &f.points);
-        let clutter = match points.any(|p| p.velocity_mps != 0.0) {
-            true => Clutter::Unchecked,
-            false => Clutter::Settled,
-        };
-        Ok(Self::from(Clip {
+        let mut clip = Clip {
             frames,
             frame_rate_hz: file.meta.frame_rate_hz,
             radar_height_m: file.meta.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
             is_height_assumed: file.meta.radar_height_m.is_none(),
             radar: file.meta.radar,
             provenance,
-            clutter,
-        }))
+            clutter: Clutter::Unchecked,
+        };
+        if !file.meta.has_speeds || !clip.has_speeds() {
+            clip.clutter = Clutter::Settled;
+        }
+        Ok(Self::from(clip))
     }
 
     /// Writes a points file (Parquet), complete or not at all. Raises `FileExistsError` if the file exists, unless

@@ -103,6 +103,8 @@ struct TraceJob<'a> {
     /// Direct two-way amplitude factor of the screens.
     transmission: &'a ScreenTransmission,
     centre: Vec3,
+    /// Half of the longest path that is received, m; see [`Link::max_range_m`].
+    max_range_m: f64,
     /// Maximum number of surfaces on a path, including the scattering one; at least 2.
     max_bounces: usize,
     /// Number of rays along each side of the mirrors' bounding box.
@@ -209,8 +211,32 @@ impl TraceJob<'_> {
         bounces.filter(Bounce::has_paths).collect()
     }
 
-    /// How a facet is illuminated via a chain of mirrors, with the legs of [`ALL_LEGS`].
-    fn illuminated(&self, facet: u32, lit: Lit) -> [Illuminated; ALL_LEGS.len()] {
+    /// Half the lengths of the paths over the centroid of a facet, m, with the legs of [`ALL_LEGS`].
+    fn half_paths_m(&self, (mirrors, facet): Key) -> [f64; ALL_LEGS.len()] {
+        let corners_of = |facet| {
+            self.corners(facet)
+                .map(|corner| (corner - self.centre).as_dvec3())
+        };
+        let [a, b, c] = corners_of(facet);
+        let middle = (a + b + c) / 3.0;
+        let n_mirrors = mirrors.iter().take_while(|m| **m != NO_FACET).count();
+        let mirrored = mirrors[..n_mirrors]
+            .iter()
+            .rev()
+            .fold(middle, |p, &mirror| {
+                Plane::through(corners_of(mirror)).reflect(p)
+            });
+        let (over_mirrors_m, direct_m) = (mirrored.length(), middle.length());
+        ALL_LEGS.map(|legs| match legs {
+            Legs::Out | Legs::Back => 0.5 * (over_mirrors_m + direct_m),
+            Legs::Both => over_mirrors_m,
+        })
+    }
+
+    /// How a facet is illuminated via a chain of mirrors, with the legs of [`ALL_LEGS`]. Paths that are too long to be
+    /// received are left out.
+    fn illuminated(&self, key: Key, lit: Lit) -> [Illuminated; ALL_LEGS.len()] {
+        let (_, facet) = key;
         if lit.n_rays == 0 {
             return Default::default();
         }
@@ -219,12 +245,15 @@ impl TraceJob<'_> {
         let (share, over_mirrors) = (lit.share as f32, (lit.passed / lit.share) as f32);
         let direct = self.transmission.amplitude(facet as usize).sqrt();
         let is_rough = self.reflection(facet).rough > 0.0;
-        ALL_LEGS.map(|legs| {
+        let half_paths_m = self.half_paths_m(key);
+        std::array::from_fn(|path| {
+            let legs = ALL_LEGS[path];
             let (share, passed) = match legs {
                 Legs::Out | Legs::Back => (share * seen, over_mirrors * direct),
                 Legs::Both => (share, over_mirrors * over_mirrors),
             };
-            if share > 0.0 && (is_rough || legs == Legs::Out) {
+            let is_received = half_paths_m[path] <= self.max_range_m;
+            if is_received && share > 0.0 && (is_rough || legs == Legs::Out) {
                 Illuminated { share, passed }
             } else {
                 Illuminated::default()
@@ -233,11 +262,12 @@ impl TraceJob<'_> {
     }
 
     /// The bounce of a facet that is illuminated via a chain of mirrors.
-    fn bounce(&self, (mirrors, facet): Key, lit: Lit) -> Bounce {
+    fn bounce(&self, key: Key, lit: Lit) -> Bounce {
+        let (mirrors, facet) = key;
         Bounce {
             mirrors,
             facet,
-            now: self.illuminated(facet, lit),
+            now: self.illuminated(key, lit),
             kept: Default::default(),
         }
     }
@@ -335,8 +365,8 @@ impl TraceJob<'_> {
             let bounce = Bounce {
                 mirrors,
                 facet,
-                now: self.illuminated(facet, lit.changed_by(change.unwrap_or_default())),
-                kept: was.illuminated(facet, lit),
+                now: self.illuminated(key, lit.changed_by(change.unwrap_or_default())),
+                kept: was.illuminated(key, lit),
             };
             n_bounces += count(&bounce.now);
             n_bounces -= count(&bounce.kept);
@@ -766,6 +796,7 @@ impl BouncingSurfaces {
             coverage: seen.coverage,
             transmission: seen.transmission,
             centre: link.array_centre_m.as_vec3(),
+            max_range_m: link.max_range_m,
             max_bounces: options.max_bounces,
             rays: options.bounce_rays,
         }
@@ -802,6 +833,13 @@ struct Plane {
 }
 
 impl Plane {
+    fn through([a, b, c]: [DVec3; 3]) -> Self {
+        Self {
+            normal: (b - a).cross(c - a).normalize_or_zero(),
+            point: a,
+        }
+    }
+
     fn reflect(&self, p: DVec3) -> DVec3 {
         p - 2.0 * self.normal.dot(p - self.point) * self.normal
     }
@@ -832,14 +870,7 @@ impl Bounce {
         let chain = self.mirrors.iter().take_while(|m| **m != NO_FACET);
         let mut planes = [None; MAX_MIRRORS];
         for (plane, &facet) in planes.iter_mut().zip(chain) {
-            let [a, b, c] = corners_of(facet);
-            *plane = Some((
-                Plane {
-                    normal: (b - a).cross(c - a).normalize_or_zero(),
-                    point: a,
-                },
-                reflection(facet),
-            ));
+            *plane = Some((Plane::through(corners_of(facet)), reflection(facet)));
         }
         let image = |p: DVec3| {
             let chain = planes.iter().rev().flatten();

@@ -23,6 +23,9 @@ pub struct Link {
     pub air_octaves_per_m: f32,
     /// Noise power k T0 B F, where B is the sample rate, W.
     pub noise_w: f64,
+    /// Half of the longest path whose beat frequency is below the sample rate, m. Echoes from farther away are not in the
+    /// samples.
+    pub max_range_m: f64,
 }
 
 impl Link {
@@ -56,6 +59,7 @@ impl Link {
                 * STANDARD_TEMPERATURE_K
                 * config.sample_rate_hz
                 * 10_f64.powf(config.noise_figure_db / 10.0),
+            max_range_m: config.max_range_m(),
         }
     }
 

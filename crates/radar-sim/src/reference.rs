@@ -1,8 +1,8 @@
 //! The slow reference: a direct sum of the model over facets, channels and samples in f64.
 //!
 //! Nothing is interpolated. The vertices of the surfaces are evaluated at every chirp, distances are exact for every
-//! channel, and the triangle integral is evaluated each time. Only visibility is shared with the fast path, because it
-//! is part of the model (one raster per segment of a frame).
+//! channel, and the triangle integral is evaluated each time. Only what is visible and within the maximum range is
+//! shared with the fast path, because it is part of the model (once per segment of a frame).
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -19,7 +19,7 @@ use crate::motion::{N_KEYS, Segment, chirp_time_s};
 use crate::scatter::{FacetPhases, Reflection, divided_difference};
 use crate::scene::{PointTarget, Scene};
 use crate::simulator::{SimOptions, check_frame};
-use crate::visibility::{DepthRaster, ScreenTransmission, View};
+use crate::visibility::{DepthRaster, ScreenTransmission, View, leave_out_beyond_range};
 use crate::weather::Rain;
 
 /// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise. Other loops remain unchanged.
@@ -93,6 +93,13 @@ pub fn simulate_loops(
             centre,
         };
         raster.coverage(view, &mut coverage, &mut transmission);
+        leave_out_beyond_range(view, link.max_range_m, &mut coverage);
+        let is_received = |point: &&PointTarget| {
+            let from_centre = point.position_at(middle_s) - link.array_centre_m;
+            from_centre.length() <= link.max_range_m
+        };
+        let points = scene.points.iter().chain(&drops);
+        let points: Vec<&PointTarget> = points.filter(is_received).collect();
         let surfaces = BouncingSurfaces::new(scene, &link, seed);
         let bounces = match options.max_bounces {
             0 | 1 => Vec::new(),
@@ -112,7 +119,7 @@ pub fn simulate_loops(
                     scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
                     let seen = (&coverage[..], &transmission);
                     let mut found = scatterers(&link, scene, seed, &positions, &triangles, seen);
-                    let points = scene.points.iter().chain(&drops);
+                    let points = points.iter();
                     found.extend(points.map(|point| point_scatterer(&link, point, now_s)));
                     for bounce in &bounces {
                         let states = surfaces.states(bounce, &link, &positions, &triangles);

@@ -9,6 +9,9 @@
 //!
 //! Surfaces that stand still are computed once and added to every loop (`still.rs`).
 //!
+//! Echoes whose path at the middle of the segment is longer than twice the maximum range are left out, as the filter of the
+//! intermediate frequency before the ADC takes them away; sampled, they would fold to near ranges.
+//!
 //! Compared with [`crate::reference`], the error is more than 60 dB below the cube's peak.
 
 use std::ops::Range;
@@ -34,7 +37,9 @@ use crate::slow_time::Level;
 use crate::spread::{ChannelBlock, Reach, SpreadJob, spread};
 use crate::still::{Still, StillKey};
 use crate::transform::{RangeTransform, TransformJob, sample_cells, transform};
-use crate::visibility::{DepthRaster, Sampling, ScreenTransmission, SurfaceRange, View};
+use crate::visibility::{
+    DepthRaster, Sampling, ScreenTransmission, SurfaceRange, View, leave_out_beyond_range,
+};
 use crate::weather::{Rain, Weather};
 use radarllm_simd::{Cell, LANES, SimdLevel};
 
@@ -80,7 +85,8 @@ pub struct FrameStats {
     pub n_facets: usize,
     /// Triangles of zero area, which do not scatter.
     pub n_degenerate: usize,
-    /// Triangles visible at the centre of the frame, or of its first segment if the frame has several.
+    /// Triangles visible within the maximum range at the centre of the frame, or of its first segment if the frame has
+    /// several.
     pub n_visible: usize,
     /// Visible triangles whose extent in range exceeds half a range bin. They are too coarse for a single delay each.
     pub n_coarse: usize,
@@ -463,16 +469,16 @@ impl Simulator {
                 still = self.still_surfaces(scene, seed, &mut stats.seconds)?;
             }
             let clock = Instant::now();
-            self.raster.coverage(
-                View {
-                    positions: &self.work.keys[N_KEYS / 2],
-                    triangles: &self.work.triangles,
-                    surfaces: &self.work.surface_ranges,
-                    centre: self.link.array_centre_m.as_vec3(),
-                },
-                &mut self.work.coverage,
-                &mut self.work.transmission,
-            );
+            let work = &mut self.work;
+            let view = View {
+                positions: &work.keys[N_KEYS / 2],
+                triangles: &work.triangles,
+                surfaces: &work.surface_ranges,
+                centre: self.link.array_centre_m.as_vec3(),
+            };
+            self.raster
+                .coverage(view, &mut work.coverage, &mut work.transmission);
+            leave_out_beyond_range(view, self.link.max_range_m, &mut work.coverage);
             stats.seconds.visibility += clock.elapsed().as_secs_f64();
 
             let clock = Instant::now();
@@ -546,16 +552,15 @@ impl Simulator {
             .filter(|(_, still)| **still)
             .map(|(surface, _)| surface.clone())
             .collect();
-        self.raster.coverage(
-            View {
-                positions,
-                triangles,
-                surfaces: &surfaces,
-                centre: self.link.array_centre_m.as_vec3(),
-            },
-            &mut self.work.coverage,
-            &mut self.work.transmission,
-        );
+        let view = View {
+            positions,
+            triangles,
+            surfaces: &surfaces,
+            centre: self.link.array_centre_m.as_vec3(),
+        };
+        let work = (&mut self.work.coverage, &mut self.work.transmission);
+        self.raster.coverage(view, work.0, work.1);
+        leave_out_beyond_range(view, self.link.max_range_m, &mut self.work.coverage);
         seconds.visibility += clock.elapsed().as_secs_f64();
 
         let clock = Instant::now();
@@ -828,6 +833,13 @@ impl Simulator {
                         time_s,
                     });
                 }
+            }
+            let range_m = |key: usize| from_centre[key].length();
+            let change_m = (range_m(N_KEYS - 1) - range_m(0)).abs();
+            let max_m = self.link.max_range_m;
+            // A jump is no echo from afar; it is refused with the other sources.
+            if range_m(N_KEYS / 2) > max_m && change_m < 0.5 * max_m {
+                continue;
             }
             let mut source = self.scale.source(from_centre);
             let size_m = point.rcs_m2.sqrt() as f32;

@@ -67,6 +67,21 @@ impl View<'_> {
     }
 }
 
+/// Takes away the coverage of the facets that are farther than the radar receives ([`crate::link::Link::max_range_m`]). They
+/// hide what is behind them all the same.
+pub(crate) fn leave_out_beyond_range(view: View<'_>, max_range_m: f64, coverage: &mut [f32]) {
+    let max_square = (max_range_m * max_range_m) as f32;
+    for (share, triangle) in coverage.iter_mut().zip(view.triangles) {
+        if *share > 0.0 {
+            let [a, b, c] = triangle.map(|i| view.positions[i as usize]);
+            let middle = (a + b + c) / 3.0 - view.centre;
+            if middle.length_squared() > max_square {
+                *share = 0.0;
+            }
+        }
+    }
+}
+
 /// Two-way amplitude transmission of the screens for every facet's visible part. Empty in a scene without screens.
 #[derive(Clone, Debug, Default)]
 pub struct ScreenTransmission(Vec<f32>);

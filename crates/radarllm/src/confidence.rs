@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use radarllm_base::{Clip, PointFrame, stats::quantile_nearest};
+use radarllm_base::{Clip, PointFrame, RadarPoint, stats::quantile_nearest};
 use radarllm_inference::{Description, Segment};
 use radarllm_io::{Error, Result};
 use serde::Deserialize;
@@ -138,20 +138,27 @@ impl RecordedConfidence {
             return;
         }
         let is_recorded = !clip.provenance.is_simulated();
-        let mut stated: Vec<Segment> = Vec::new();
-        for mut segment in std::mem::take(&mut description.segments) {
+        let guessed = |mut segment: Segment| -> Vec<Segment> {
             // A sentence of a simulated clip is right only if its side is: `[simulated]` was fitted so.
             let side = match is_recorded {
                 true => 1.0,
                 false => segment.side_confidence.unwrap_or(1.0),
             };
             segment.confidence = fitted.probability(side * segment.confidence);
-            if is_recorded && (segment.confidence < self.unsure_below || !is_known) {
-                let sentence = visible(&clip.frames, segment.start_s, segment.end_s);
-                let guess = std::mem::replace(&mut segment.caption, sentence.into());
-                segment.actions.clear();
-                segment.guess = Some(guess);
+            if !is_recorded || (segment.confidence >= self.unsure_below && is_known) {
+                return vec![segment];
             }
+            segment.actions.clear();
+            segment.guess = Some(std::mem::take(&mut segment.caption));
+            let mut parts = where_seen(&clip.frames, segment);
+            for part in &mut parts {
+                part.caption = visible(&clip.frames, part.start_s, part.end_s).into();
+            }
+            parts
+        };
+        let mut stated: Vec<Segment> = Vec::new();
+        let segments = std::mem::take(&mut description.segments).into_iter();
+        for segment in segments.flat_map(guessed) {
             match stated.last_mut() {
                 Some(last) if let Some(caption) = of_both(&clip.frames, last, &segment) => {
                     last.caption = caption;
@@ -170,6 +177,77 @@ impl RecordedConfidence {
         }
         description.set_segments(stated);
     }
+}
+
+/// The parts of a segment in which the radar saw somebody. A sentence is one of a whole window: a person who is there for a
+/// part of it would be said to be there before and afterwards. What the model states is not cut, because people who exercise are
+/// seen now and then.
+fn where_seen(frames: &[PointFrame], segment: Segment) -> Vec<Segment> {
+    let parts = seen(frames, segment.start_s, segment.end_s);
+    if parts.is_empty() {
+        return vec![segment];
+    }
+    let part = |[start_s, end_s]: [f64; 2]| Segment {
+        start_s,
+        end_s,
+        ..segment.clone()
+    };
+    parts.into_iter().map(part).collect()
+}
+
+/// The times between two others, s, in which points show somebody. Somebody who keeps still is seen no more, so that times
+/// that are near each other are one.
+fn seen(frames: &[PointFrame], start_s: f64, end_s: f64) -> Vec<[f64; 2]> {
+    /// Time without points, s, after which nothing is said until they come again.
+    const MAX_UNSEEN_S: f64 = 4.0;
+    /// Less than this at the beginning or the end, s, belongs to the sentence: the radar needs a moment.
+    const MIN_CUT_S: f64 = 1.0;
+    /// Distance of the points of a body from their middle, m.
+    const BODY_M: f32 = 0.75;
+    let begins = |t_s: f64| frames.partition_point(|frame| frame.time_s < t_s);
+    let frames = frames
+        .get(begins(start_s)..begins(end_s))
+        .unwrap_or_default();
+    let mut times: Vec<[f64; 2]> = Vec::new();
+    for second in frames.chunk_by(|a, b| {
+        let second = |frame: &PointFrame| (frame.time_s - start_s) as u64;
+        second(a) == second(b)
+    }) {
+        let all = || second.iter().flat_map(|f| &f.points);
+        let points = || all().filter(|p| !p.is_leakage());
+        let [x_m, y_m] = [
+            quantile(points().map(|p| p.x_m), 0.5),
+            quantile(points().map(|p| p.y_m), 0.5),
+        ];
+        let is_near = |p: &RadarPoint| (p.x_m - x_m).hypot(p.y_m - y_m) <= BODY_M;
+        let n_near = points().filter(|p| is_near(p)).count();
+        // False alarms are spread over the room.
+        if n_near < 2 || 4 * n_near < points().count() {
+            continue;
+        }
+        let mut of_body = second.iter().filter(|f| f.points.iter().any(is_near));
+        let Some(first) = of_body.next() else {
+            continue;
+        };
+        let last = of_body.next_back().unwrap_or(first);
+        match times.last_mut() {
+            Some(before) if first.time_s - before[1] <= MAX_UNSEEN_S => before[1] = last.time_s,
+            _ => times.push([first.time_s, last.time_s]),
+        }
+    }
+    if let (Some(first), Some(last)) = (times.first().copied(), times.last().copied()) {
+        let n = times.len();
+        if first[0] - start_s < MIN_CUT_S {
+            times[0][0] = start_s;
+        }
+        if end_s - last[1] < MIN_CUT_S {
+            times[n - 1][1] = end_s;
+        }
+    }
+    // A single echo among others is nobody.
+    let is_alone = times.len() == 1;
+    times.retain(|[from_s, to_s]| is_alone || to_s > from_s);
+    times
 }
 
 /// The sentence about the points of two guesses, one after the other, if they are of one thing: what is seen of each is the
@@ -231,7 +309,7 @@ fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{Clutter, RadarPoint};
+    use radarllm_base::Clutter;
 
     use super::*;
 
@@ -322,6 +400,48 @@ mod tests {
             description.segments[0].guess.as_deref(),
             Some("a person squats 0")
         );
+    }
+
+    /// A sentence is one of a window of ten seconds; of a board that is not known, only the time in which somebody is seen is
+    /// stated.
+    #[test]
+    fn nobody_is_stated_before_and_after_somebody_is_seen() {
+        let confidence = RecordedConfidence::from_toml(FILE).unwrap();
+        let mut clip = clip(0.4, "recorded:uart:x");
+        for frame in &mut clip.frames {
+            let t_s = frame.time_s;
+            if !((2.0..4.0).contains(&t_s) || (9.0..9.5).contains(&t_s)) {
+                frame.points.clear();
+            }
+        }
+        let stated = |is_known: bool| {
+            let mut description = described(&[0.99]);
+            description.segments[0].end_s = 10.0;
+            confidence.apply(&clip, is_known, &mut description);
+            let segments = description.segments.into_iter();
+            segments
+                .map(|s| [s.start_s, s.end_s])
+                .collect::<Vec<[f64; 2]>>()
+        };
+        let unknown = stated(false);
+        assert_eq!(unknown.len(), 2, "{unknown:?}");
+        let expected = [[2.0, 3.9], [9.0, 10.0]];
+        for (found, expected) in unknown.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((found - expected).abs() < 1e-6, "{unknown:?}");
+        }
+        assert_eq!(stated(true), [[0.0, 10.0]]);
+        // Somebody who keeps still for a moment is there nevertheless.
+        clip.frames.iter_mut().for_each(|frame| {
+            if (4.5..5.0).contains(&frame.time_s) || (7.0..8.0).contains(&frame.time_s) {
+                frame.points = vec![RadarPoint::default(); 3];
+                frame.points.iter_mut().for_each(|p| p.y_m = 3.0);
+                frame.points.iter_mut().for_each(|p| p.range_m = 3.0);
+            }
+        });
+        let mut description = described(&[0.99]);
+        description.segments[0].end_s = 10.0;
+        confidence.apply(&clip, false, &mut description);
+        assert_eq!(description.segments.len(), 1);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use radarllm_base::{Clip, PointFrame};
 use radarllm_inference::{
-    Description, Segment,
+    Description, PreparedClip, Segment,
     lm::{Abstained, NO_PERSON},
 };
 use radarllm_measure::{
@@ -30,19 +30,38 @@ pub(crate) enum Measured {
 
 impl Measured {
     /// Measures a clip. The site is learned from the clip where none is known and somebody walks in it.
-    pub(crate) fn of(clip: &Clip, site: Option<&Site>) -> Self {
+    pub(crate) fn of(clip: &PreparedClip, site: Option<&Site>) -> Self {
         let learned =
             || Site::learn(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
         let site = site.cloned().unwrap_or_else(learned);
         match measure(&clip.frames, &site) {
             Some(states) => Self::States(states),
             None => {
-                let mut segments = walks_in_points(clip);
-                segments.extend(falls_in_points(&clip.frames));
-                Self::InPoints(segments)
+                let in_clip = |clip: &Clip| [walks_in_points(clip), falls_in_points(&clip.frames)];
+                let [mut walks, mut falls] = in_clip(clip);
+                let all = clip.moving();
+                if !std::ptr::eq(all, &**clip) && !(walks.is_empty() && falls.is_empty()) {
+                    let [other_walks, other_falls] = in_clip(all);
+                    keep_shown(&mut walks, &other_walks);
+                    keep_shown(&mut falls, &other_falls);
+                }
+                walks.append(&mut falls);
+                Self::InPoints(walks)
             }
         }
     }
+}
+
+/// Keeps the segments of which others cover half or more. Where static points were removed, slow points of the body went with
+/// them, and those that are left are not in the middle of it: they jump as a person does who walks or falls, and all points
+/// that have a speed do not.
+fn keep_shown(segments: &mut Vec<Segment>, others: &[Segment]) {
+    segments.retain(|segment| {
+        let covered_s = |other: &Segment| {
+            (segment.end_s.min(other.end_s) - segment.start_s.max(other.start_s)).max(0.0)
+        };
+        2.0 * others.iter().map(covered_s).sum::<f64>() >= segment.end_s - segment.start_s
+    });
 }
 
 /// The site of a clip from which nothing can be learned.
@@ -235,6 +254,54 @@ mod tests {
             walk.start_s < 1.0 && (2.0..5.0).contains(&walk.end_s),
             "{walk:?}"
         );
+    }
+
+    /// Most of a body on the spot is slow and goes with the static points; what is left of it moves its middle.
+    #[test]
+    fn what_is_left_of_a_body_shows_a_fall_only_with_all_points_that_move() {
+        let point = |x_m: f32, z_m: f32, velocity_mps: f32| RadarPoint {
+            x_m,
+            y_m: 2.0,
+            z_m,
+            range_m: 2.0,
+            velocity_mps,
+            intensity_db: 15.0,
+        };
+        let frame = |i: u32, falls: bool| {
+            let is_down = i >= 40;
+            // Furniture, the slow body in the cell of a static echo, and what moves: an arm above, then the legs.
+            let mut points: Vec<RadarPoint> = (0..30)
+                .map(|k| point(0.02 * k as f32 - 0.3, 0.1, 0.0))
+                .collect();
+            let slow_m = if falls && is_down { -1.2 } else { 0.1 };
+            points.extend((0..12).map(|k| point(0.02 * k as f32, slow_m, 0.09)));
+            let fast_m = if is_down { -1.1 } else { 0.6 };
+            points.extend((0..5).map(|k| point(0.05 * k as f32, fast_m, 0.8)));
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points,
+                board: None,
+            }
+        };
+        let found = |falls: bool| {
+            let clip = Clip {
+                frames: (0..80).map(|i| frame(i, falls)).collect(),
+                frame_rate_hz: 10.0,
+                radar_height_m: 1.0,
+                is_height_assumed: false,
+                radar: "board".into(),
+                provenance: "recorded:csv:x".parse().unwrap(),
+                clutter: Clutter::Unchecked,
+            };
+            let clip = PreparedClip::of(&clip).unwrap();
+            assert_ne!(clip.n_points(), clip.moving().n_points());
+            match Measured::of(&clip, None) {
+                Measured::InPoints(segments) => segments.len(),
+                Measured::States(_) => 0,
+            }
+        };
+        assert_eq!([found(true), found(false)], [1, 0]);
     }
 
     fn state(activity: Activity, start_s: f64, end_s: f64) -> State {

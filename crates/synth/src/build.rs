@@ -78,6 +78,7 @@ impl Board {
     fn open(config: DatasetConfig, base: &Path) -> std::result::Result<Self, SynthError> {
         let radar = config.open_radar(base)?;
         config.stored_rate_hz(&radar)?;
+        config.check_distance(&radar)?;
         Ok(Self {
             config,
             radar,

@@ -71,7 +71,7 @@ pub struct DatasetConfig {
     /// Standing heights of which each clip's person has one, m; those of four adults if absent.
     #[serde(skip_serializing_if = "is_default")]
     pub body_heights_m: Option<Vec<f32>>,
-    /// Placement: distance of the path's middle, m.
+    /// Placement: distance of the path's middle, m; see [`PlacementRange`].
     pub distance_m: [f32; 2],
     /// Placement: sideways offset, m, drawn from +- this value.
     pub lateral_m: f32,
@@ -415,6 +415,15 @@ impl DatasetConfig {
             heading_rad: self.heading_deg.to_radians(),
             radar_height_m: self.radar_height_m,
         }
+    }
+
+    /// Checks that people can be seen at the distances of the configuration.
+    ///
+    /// # Errors
+    /// As [`PlacementRange::check`].
+    pub fn check_distance(&self, radar: &RadarConfig) -> Result<(), SynthError> {
+        let checked = self.placement().check(radar);
+        checked.map_err(|problem| SynthError::Config(format!("distance_m: {problem}")))
     }
 
     /// Simulator options. Reflections between surfaces are enabled if there is a room, with half the rays of a scene.

@@ -1,14 +1,21 @@
 //! Position of a person in front of the radar.
 
 use glam::{Quat, Vec3};
-use radarllm_base::{Motion, frames::Placement};
+use radarllm_base::{Motion, RadarConfig, frames::Placement};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Minimum and maximum distance of the pelvis from the radar along boresight, m. The maximum range of the reference
-/// radar is 10.99 m. Nearer than 1.3 m, a body extends beyond the antenna pattern.
-const PELVIS_Y_M: [f32; 2] = [1.3, 9.0];
+/// Minimum distance of the pelvis from the radar along boresight, m. Nearer, a body extends beyond the antenna pattern.
+pub const MIN_DISTANCE_M: f32 = 1.3;
+
+/// Distance along boresight within which the far ends of paths stay that are placed at random, m, unless a larger distance
+/// is asked for. The maximum range of the reference radar is 10.99 m.
+const FAR_END_M: f32 = 9.0;
 
 /// Ranges of clip placements: the distance to the middle of the path and the heading are drawn uniformly.
+///
+/// A path whose near end would be nearer than [`MIN_DISTANCE_M`] is moved away until it is there. A path that is drawn from
+/// a range of distances is moved nearer, as far as that allows, until its far end is within 9 m or within the largest
+/// distance of the range. A single distance is kept otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacementRange {
     /// Distance of the path's middle along boresight, m.
@@ -32,15 +39,32 @@ impl Default for PlacementRange {
     }
 }
 
-/// Draws a placement for a canonical motion (first pose at the origin facing -y) such that the
-/// whole path is in front of the radar, as far as it fits.
-pub fn draw_placement(motion: &Motion, range: &PlacementRange, seed: u64) -> Placement {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut uniform = |low: f32, high: f32| low + (high - low) * rng.random::<f32>();
-    let heading_rad = uniform(-range.heading_rad, range.heading_rad);
-    let distance_m = uniform(range.distance_m[0], range.distance_m[1]);
-    let lateral_m = uniform(-range.lateral_m, range.lateral_m);
+impl PlacementRange {
+    /// Checks that a person can be seen at the distances.
+    ///
+    /// # Errors
+    /// Distances that are all nearer than [`MIN_DISTANCE_M`], or a distance beyond the radar's maximum range, with both
+    /// limits.
+    pub fn check(&self, radar: &RadarConfig) -> Result<(), String> {
+        let [near_m, far_m] = self.distance_m;
+        let max_m = radar.max_range_m();
+        if far_m >= MIN_DISTANCE_M && near_m <= far_m && f64::from(far_m) <= max_m {
+            return Ok(());
+        }
+        let found = match near_m == far_m {
+            true => format!("{far_m} m"),
+            false => format!("{near_m} to {far_m} m"),
+        };
+        Err(format!(
+            "{found}, but a person is seen from {MIN_DISTANCE_M} m on, where the body is within the antenna pattern, up to \
+             {max_m:.2} m, the maximum range of the radar `{}`",
+            radar.name
+        ))
+    }
+}
 
+/// Smallest and largest coordinates of the pelvis over a motion that is turned about the vertical.
+fn extent(motion: &Motion, heading_rad: f32) -> (Vec3, Vec3) {
     let turn = Quat::from_rotation_z(heading_rad);
     let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
     for pose in &motion.poses {
@@ -48,11 +72,33 @@ pub fn draw_placement(motion: &Motion, range: &PlacementRange, seed: u64) -> Pla
         low = low.min(p);
         high = high.max(p);
     }
+    (low, high)
+}
+
+/// Nearest distance of the middle of a motion's path at a heading, m: its near end is at [`MIN_DISTANCE_M`].
+pub fn min_middle_m(motion: &Motion, heading_rad: f32) -> f32 {
+    let (low, high) = extent(motion, heading_rad);
+    MIN_DISTANCE_M + 0.5 * (high.y - low.y)
+}
+
+/// Draws a placement for a canonical motion (first pose at the origin facing -y) such that the
+/// whole path is in front of the radar, as far as it fits; see [`PlacementRange`].
+pub fn draw_placement(motion: &Motion, range: &PlacementRange, seed: u64) -> Placement {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut uniform = |low: f32, high: f32| low + (high - low) * rng.random::<f32>();
+    let heading_rad = uniform(-range.heading_rad, range.heading_rad);
+    let distance_m = uniform(range.distance_m[0], range.distance_m[1]);
+    let lateral_m = uniform(-range.lateral_m, range.lateral_m);
+
+    let (low, high) = extent(motion, heading_rad);
     let middle = 0.5 * (low + high);
     let half_depth = 0.5 * (high.y - low.y);
-    // A long path moves away from the radar until its near end keeps the distance.
-    let near_enough = PELVIS_Y_M[0] + half_depth;
-    let far_enough = (PELVIS_Y_M[1] - half_depth).max(near_enough);
+    let near_enough = MIN_DISTANCE_M + half_depth;
+    let [near_m, far_m] = range.distance_m;
+    let far_enough = match near_m == far_m {
+        true => f32::INFINITY,
+        false => (FAR_END_M.max(far_m) - half_depth).max(near_enough),
+    };
     let centre_y_m = distance_m.clamp(near_enough, far_enough);
     Placement {
         position_m: [lateral_m - middle.x, centre_y_m - middle.y],
@@ -92,6 +138,71 @@ mod tests {
                     "{length_m} m walk reaches y = {y}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn a_single_distance_is_kept_and_a_range_reaches_as_far_as_it_says() {
+        let middle_m = |length_m: f32, distance_m: [f32; 2], seed: u64| {
+            let motion = straight_walk(length_m);
+            let range = PlacementRange {
+                distance_m,
+                heading_rad: 0.0,
+                ..PlacementRange::default()
+            };
+            let placement = draw_placement(&motion, &range, seed);
+            let y_m = |i: usize| placement.radar_from_world(motion.poses[i].root_in_world).y;
+            0.5 * (y_m(0) + y_m(20))
+        };
+        for distance_m in [2.0, 8.0, 12.0, 40.0] {
+            let found = middle_m(1.4, [distance_m; 2], 1);
+            assert!((found - distance_m).abs() < 1e-4, "{distance_m}: {found}");
+        }
+        // The near end of a path of 4 m is at 1.3 m.
+        assert!((middle_m(4.0, [2.0; 2], 1) - 3.3).abs() < 1e-4);
+        assert!((min_middle_m(&straight_walk(4.0), 0.0) - 3.3).abs() < 1e-4);
+        let drawn = |length_m: f32, distance_m: [f32; 2]| -> Vec<f32> {
+            let of_seed = |seed| middle_m(length_m, distance_m, seed);
+            (0..100).map(of_seed).collect()
+        };
+        // Somebody who stands is anywhere within the range; the path of a walk of 4 m ends at its far end.
+        let standing = drawn(0.0, [9.0, 20.0]);
+        assert!(standing.iter().all(|m| (9.0..=20.0).contains(m)));
+        assert!(standing.iter().any(|m| *m > 18.5));
+        let walking = drawn(4.0, [9.0, 20.0]);
+        assert!(walking.iter().all(|m| (9.0..=18.001).contains(m)));
+        // Up to 9 m for smaller distances.
+        let walking = drawn(7.0, [1.5, 6.0]);
+        assert!(walking.iter().all(|m| (4.799..=5.501).contains(m)));
+    }
+
+    #[test]
+    fn distances_where_nobody_is_seen_are_refused_with_the_limits() {
+        let radar = RadarConfig::awr1843boost();
+        let check = |distance_m: [f32; 2]| {
+            let range = PlacementRange {
+                distance_m,
+                ..PlacementRange::default()
+            };
+            range.check(&radar)
+        };
+        // The maximum range is 10.99 m. A range may begin nearer than the minimum distance.
+        for distance_m in [[1.3, 1.3], [3.0, 3.0], [1.0, 3.5], [9.0, 10.9]] {
+            assert_eq!(check(distance_m), Ok(()), "{distance_m:?}");
+        }
+        for distance_m in [
+            [0.0, 0.0],
+            [0.2, 1.2],
+            [9.0, 11.0],
+            [200.0, 200.0],
+            [f32::NAN, f32::NAN],
+            [4.0, 2.0],
+        ] {
+            let error = check(distance_m).unwrap_err();
+            assert!(
+                error.contains("1.3 m") && error.contains("10.99 m"),
+                "{error}"
+            );
         }
     }
 

@@ -216,7 +216,9 @@ impl SceneFile {
 
 /// A scene that owns its surfaces.
 pub struct OwnedScene {
+    /// Those of the targets, then the walls.
     surfaces: Vec<Box<dyn MovingSurface + Send>>,
+    n_targets: usize,
     points: Vec<PointTarget>,
     noise: Noise,
 }
@@ -229,6 +231,7 @@ impl OwnedScene {
     pub fn open(file: &SceneFile, base: &Path, frequency_hz: f64) -> Result<Self, SynthError> {
         let mut scene = Self {
             surfaces: Vec::new(),
+            n_targets: 0,
             points: Vec::new(),
             noise: file.noise.resolve(),
         };
@@ -248,12 +251,18 @@ impl OwnedScene {
                 )));
             }
         }
+        scene.n_targets = scene.surfaces.len();
         if let Some(room) = &file.room {
             for wall in room.walls(frequency_hz)? {
                 scene.surfaces.push(Box::new(wall));
             }
         }
         Ok(scene)
+    }
+
+    /// Number of surfaces of targets, which come first; the others are the walls of the room.
+    pub(crate) fn n_targets(&self) -> usize {
+        self.n_targets
     }
 
     /// The scene in the simulator's form.

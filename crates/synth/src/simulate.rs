@@ -165,15 +165,19 @@ fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
     })
 }
 
-/// Options of a simulation. Motions use all of them; a scene names its own targets, so that [`Self::distance_m`],
-/// [`Self::body`] and [`Self::own_noise`] do not concern it.
+/// Options of a simulation. Motions use all of them; a scene names its own targets, so that [`Self::own_noise`] does not
+/// concern it and another [`Self::distance_m`] than the default or a [`Self::body`] is refused.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulateOptions {
     /// Seed of the noise and of a built-in motion's small variations.
     pub seed: u64,
-    /// Distance from the radar to the middle of the motion's path, m.
+    /// Distance from the radar to the middle of the motion's path, m, from [`MIN_DISTANCE_M`] to the radar's maximum
+    /// range. A path whose near end would be nearer than [`MIN_DISTANCE_M`] is farther away; see [`Simulation::moved_to_m`].
+    ///
+    /// [`MIN_DISTANCE_M`]: crate::placement::MIN_DISTANCE_M
     pub distance_m: f32,
-    /// Height of the radar above the floor, m.
+    /// Height of the radar above the floor, m. The `[room]` of a scene states its own, with which another height than the
+    /// default must agree.
     pub radar_height_m: f32,
     /// Signal processing; the `[processing]` of a scene or the library's own chain if `None`.
     pub processing: Option<DspOptions>,

@@ -2,9 +2,13 @@
 
 use std::{path::Path, sync::Arc};
 
+use glam::Vec3;
 use radarllm_base::{
-    Clip, Clutter, PointFrame, Provenance, RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS,
-    frames::Placement, message::option, seed::derive_seed,
+    Clip, Clutter, MovingSurface, PointFrame, Provenance, RadarConfig, RadarCube,
+    SPEED_OF_LIGHT_MPS,
+    frames::Placement,
+    message::{option, text},
+    seed::derive_seed,
 };
 use radarllm_body::{
     MotionSampler,
@@ -18,6 +22,8 @@ use radarllm_radar_sim::{Impairments, Noise, PointTarget, Scene, SimOptions};
 use crate::{
     Method, SynthError, Synthesizer,
     objects::ObjectsFile,
+    placement::{PlacementRange, min_middle_m},
+    processing::ProcessingFile,
     scene::{OwnedScene, SceneFile},
     simulate::{MotionInput, SimulateOptions, is_scene, open_motion, place},
     synthesizer::{posed_builtin, scene_to_points_until},
@@ -25,6 +31,9 @@ use crate::{
 
 /// Maximum number of radar frames of a simulation: about 17 minutes at 10 frames/s.
 const MAX_FRAMES: usize = 10_000;
+
+/// No part of a body is farther from its pelvis, m: more than a raised arm of somebody 2 m tall.
+const BODY_REACH_M: f32 = 1.5;
 
 /// A motion that is simulated, and where.
 #[derive(Clone, Debug)]
@@ -42,6 +51,8 @@ pub struct Simulation {
     target: Target,
     chain: Chain,
     firmware: Option<TiFirmware>,
+    /// As asked for.
+    distance_m: f32,
     radar_height_m: f32,
     n_frames: usize,
     /// Seed of the noise.
@@ -73,7 +84,7 @@ impl Simulation {
     ///
     /// # Errors
     /// As [`open_motion`]; a scene or a body that cannot be read; more frames than are handled; a firmware together with
-    /// another signal chain.
+    /// another signal chain; a distance at which nobody can be seen; options that a scene does not use or contradicts.
     pub fn open(
         input: &str,
         radar: &RadarConfig,
@@ -90,7 +101,13 @@ impl Simulation {
         if let Some(objects) = &options.objects {
             objects.check().map_err(Error::input)?;
         }
-        let (target, chain, seed, duration_s) = match is_scene(input) {
+        let Opened {
+            target,
+            chain,
+            seed,
+            duration_s,
+            radar_height_m,
+        } = match is_scene(input) {
             true => scene(input, radar, options)?,
             false => person(input, radar, options)?,
         };
@@ -105,7 +122,8 @@ impl Simulation {
             target,
             chain,
             firmware: options.firmware.clone(),
-            radar_height_m: options.radar_height_m,
+            distance_m: options.distance_m,
+            radar_height_m,
             n_frames,
             seed,
         })
@@ -124,6 +142,56 @@ impl Simulation {
     /// The radar, with the noise figure of the scene.
     pub fn radar(&self) -> &RadarConfig {
         &self.chain.radar
+    }
+
+    /// Height of the radar above the floor, m: that of the scene's room, or the one asked for.
+    pub fn radar_height_m(&self) -> f32 {
+        self.radar_height_m
+    }
+
+    /// Distance of the middle of the motion's path, m, if it is not the one asked for: the path is so deep that its near
+    /// end would have been nearer than [`crate::placement::MIN_DISTANCE_M`].
+    pub fn moved_to_m(&self) -> Option<f32> {
+        let Performed { motion, placement } = self.performed()?;
+        let min_m = min_middle_m(&motion.motion, placement.heading_rad);
+        // Half a centimetre is rounding.
+        (min_m > self.distance_m + 0.005).then_some(min_m)
+    }
+
+    /// Number of frames in whose middle a part of a body or a target is farther than the radar's maximum range. The radar
+    /// receives nothing of such parts. The walls of a room do not count.
+    pub fn frames_beyond_range(&self) -> usize {
+        let radar = &self.chain.radar;
+        let max_m = radar.max_range_m() as f32;
+        if let Some(Performed { motion, placement }) = self.performed() {
+            let pelvis_m = |p| placement.radar_from_world(p).length();
+            let poses = motion.motion.poses.iter();
+            let farthest_m = poses.map(|pose| pelvis_m(pose.root_in_world));
+            if farthest_m.fold(0.0, f32::max) + BODY_REACH_M < max_m {
+                return 0;
+            }
+        }
+        let scene = self.scene();
+        let n_targets = match &self.target {
+            Target::Person { .. } => 1,
+            Target::Scene(scene) => scene.n_targets(),
+        };
+        let mut positions = Vec::new();
+        let mut reaches = |surface: &dyn MovingSurface, time_s: f64| {
+            positions.resize(surface.n_vertices(), Vec3::ZERO);
+            surface.positions_at(time_s, &mut positions);
+            positions.iter().any(|p| p.length() > max_m)
+        };
+        let middle_s = 0.5 * radar.n_loops as f64 * radar.loop_period_s();
+        (0..self.n_frames)
+            .map(|frame_idx| frame_idx as f64 * radar.frame_period_s + middle_s)
+            .filter(|&time_s| {
+                let mut surfaces = scene.surfaces.iter().take(n_targets);
+                let mut points = scene.points.iter();
+                surfaces.any(|&surface| reaches(surface, time_s))
+                    || points.any(|p| p.position_at(time_s).length() > f64::from(max_m))
+            })
+            .count()
     }
 
     /// The motion, if it is none of a scene.
@@ -214,12 +282,26 @@ impl Simulation {
     }
 }
 
-/// Target, chain, seed of the noise and length, s.
-type Opened = (Target, Chain, u64, f64);
+/// What an input consists of.
+struct Opened {
+    target: Target,
+    chain: Chain,
+    /// Seed of the noise.
+    seed: u64,
+    duration_s: f64,
+    radar_height_m: f32,
+}
 
 /// A body that performs a motion.
 fn person(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result<Opened, Error> {
     let motion = open_motion(input, options.seed)?;
+    let range = PlacementRange {
+        distance_m: [options.distance_m; 2],
+        ..PlacementRange::default()
+    };
+    range
+        .check(radar)
+        .map_err(|problem| Error::input(option("distance_m").text(format!(": {problem}"))))?;
     let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
     let body = match &options.body {
         Some(path) => PosedBody::new(
@@ -244,21 +326,55 @@ fn person(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result
         impairments: Impairments::default(),
         objects: objects(
             options.objects.as_ref().or(furnished.as_ref()),
-            options,
+            options.radar_height_m,
             seed,
         ),
     };
-    let duration_s = motion.motion.duration_s();
-    let body = Box::new(body);
-    let performed = Box::new(Performed { motion, placement });
-    Ok((Target::Person { body, performed }, chain, seed, duration_s))
+    Ok(Opened {
+        chain,
+        seed,
+        duration_s: motion.motion.duration_s(),
+        radar_height_m: options.radar_height_m,
+        target: Target::Person {
+            body: Box::new(body),
+            performed: Box::new(Performed { motion, placement }),
+        },
+    })
 }
 
 /// The targets of a scene file, whose noise is drawn from the seed itself.
 fn scene(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result<Opened, Error> {
     let path = Path::new(input);
-    let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
-    let file = SceneFile::from_toml(&text).map_err(|e| Error::wrap_in_file(path, e))?;
+    let toml = bounded::read_text(path, MAX_CONFIG_BYTES)?;
+    let file = SceneFile::from_toml(&toml).map_err(|e| Error::wrap_in_file(path, e))?;
+    let usual = SimulateOptions::default();
+    for (name, is_stated) in [
+        ("distance_m", options.distance_m != usual.distance_m),
+        ("body", options.body.is_some()),
+    ] {
+        if is_stated {
+            let problem = option(name).text(" is for motions; a scene states what stands where");
+            return Err(Error::in_file(path, problem).with_hint("leave it out"));
+        }
+    }
+    if options.firmware.is_some() && file.processing != ProcessingFile::default() {
+        let problem = option("firmware")
+            .text(" and [processing] each state a signal chain: only one is possible");
+        return Err(Error::in_file(path, problem));
+    }
+    let radar_height_m = match &file.room {
+        None => options.radar_height_m,
+        Some(room) => {
+            let (room_m, asked_m) = (room.radar_height_m as f32, options.radar_height_m);
+            if asked_m != usual.radar_height_m && asked_m != room_m {
+                let problem = text(format!("[room] radar_height_m is {room_m} m, but "))
+                    .option("radar_height_m")
+                    .text(format!(" is {asked_m} m"));
+                return Err(Error::in_file(path, problem).with_hint("state it in [room] alone"));
+            }
+            room_m
+        }
+    };
     let base = path.parent().unwrap_or(Path::new(""));
     // Not `carrier_hz`, from which it differs by rounding: the samples of scenes with walls would change in their last bit.
     let frequency_hz = SPEED_OF_LIGHT_MPS / radar.wavelength_m();
@@ -273,19 +389,21 @@ fn scene(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result<
             .unwrap_or_else(|| file.processing.resolve(&radar)),
         simulator: file.sim_options(),
         impairments: impairments.map_err(|e| Error::in_file(path, e))?,
-        objects: objects(options.objects.as_ref(), options, options.seed),
+        objects: objects(options.objects.as_ref(), radar_height_m, options.seed),
         radar,
     };
-    Ok((Target::Scene(targets), chain, options.seed, file.duration_s))
+    Ok(Opened {
+        target: Target::Scene(targets),
+        chain,
+        seed: options.seed,
+        duration_s: file.duration_s,
+        radar_height_m,
+    })
 }
 
 /// What stands still around the target.
-fn objects(
-    file: Option<&ObjectsFile>,
-    options: &SimulateOptions,
-    noise_seed: u64,
-) -> Vec<PointTarget> {
-    let height_m = f64::from(options.radar_height_m);
+fn objects(file: Option<&ObjectsFile>, radar_height_m: f32, noise_seed: u64) -> Vec<PointTarget> {
+    let height_m = f64::from(radar_height_m);
     let drawn = file.map(|file| file.draw(height_m, derive_seed(noise_seed, "objects")));
     drawn.unwrap_or_default()
 }

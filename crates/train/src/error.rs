@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use radarllm_base::message::{Message, text};
 use radarllm_dataset::DatasetError;
 use radarllm_inference::checkpoint::CheckpointError;
 use radarllm_inference::lm::LmError;
@@ -33,6 +34,18 @@ pub enum TrainError {
     /// There are no training data.
     #[error("training data: {0}")]
     NoData(&'static str),
+    /// Too few clips state what the networks that weigh sentences learn.
+    #[error(
+        "training data: [evidence]: {what} is stated by {needed} training clips, which is the minimum; the largest number is {found}"
+    )]
+    TooFewClips {
+        /// What is missing: no action, or no side of an action.
+        what: &'static str,
+        /// Largest number of clips that state the same.
+        found: usize,
+        /// Minimum number of clips.
+        needed: usize,
+    },
     /// A clip cannot be used for training.
     #[error("training data: clip {id}: {source}")]
     Clip {
@@ -128,6 +141,41 @@ pub enum TrainError {
 }
 
 impl TrainError {
+    /// How the user can resolve the error.
+    pub fn hint(&self) -> Option<Message> {
+        Some(match self {
+            Self::ResumeMismatch { path, .. } => {
+                let folder = path.parent().unwrap_or(path).display();
+                text(format!(
+                    "remove {folder}, and the folders of the stages that learn from it, to train them anew, or name another folder as `out`"
+                ))
+            }
+            Self::TooFewClips { .. } => text(
+                "train on more clips of each action, or leave the table [evidence] out of the recipe",
+            ),
+            _ => return None,
+        })
+    }
+
+    /// The same error of a table of a recipe.
+    pub(crate) fn in_table(self, table: &str) -> Self {
+        match self {
+            Self::Config { field, problem } => Self::Config {
+                field: format!("{table}.{field}"),
+                problem,
+            },
+            other => other,
+        }
+    }
+
+    /// Error for a setting that cannot be used.
+    pub(crate) fn config(field: &str, problem: impl Into<String>) -> Self {
+        Self::Config {
+            field: field.into(),
+            problem: problem.into(),
+        }
+    }
+
     /// Error for a clip that cannot be used for training.
     pub(crate) fn clip(
         id: &str,

@@ -25,6 +25,7 @@ use crate::harness::{
     self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
 use crate::lm::loss::cross_entropy;
+use crate::loop_config::{check_count, check_weight};
 use crate::recipe::copy_of;
 
 /// Logit of both sides for an action that is made with one.
@@ -80,26 +81,18 @@ impl EvidenceTrainConfig {
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
         self.run.validate()?;
-        let fail = |field: &str, problem: String| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem,
-            })
-        };
-        if !(1..=4096).contains(&self.batch_size) {
-            let problem = format!("must be in 1..=4096, found {}", self.batch_size);
-            return fail("batch_size", problem);
+        check_count("batch_size", self.batch_size, 4096)?;
+        for width in self.hidden {
+            check_count("hidden", width, 4096)?;
         }
-        if let Some(width) = self.hidden.iter().find(|w| !(1..=4096).contains(*w)) {
-            return fail("hidden", format!("must be in 1..=4096, found {width}"));
+        check_weight("noise", self.noise)?;
+        match (0.0..1.0).contains(&self.dropped) {
+            true => Ok(()),
+            false => {
+                let problem = format!("must be at least 0 and below 1, found {}", self.dropped);
+                Err(TrainError::config("dropped", problem))
+            }
         }
-        if !(self.noise >= 0.0 && self.noise.is_finite()) {
-            return fail("noise", "must be finite and not negative".into());
-        }
-        if !(0.0..1.0).contains(&self.dropped) {
-            return fail("dropped", "must be at least 0 and below 1".into());
-        }
-        Ok(())
     }
 }
 
@@ -107,7 +100,7 @@ impl EvidenceTrainConfig {
 /// checkpoints to `out_dir`.
 ///
 /// # Errors
-/// See [`TrainError`]. Also if hardly a clip states an action, or a side.
+/// See [`TrainError`]. Also what [`check_captions`] refuses.
 pub fn train(
     config: &EvidenceTrainConfig,
     train: &[ClipRecord],
@@ -117,6 +110,7 @@ pub fn train(
     resume: bool,
 ) -> Result<Outcome<EvidenceNet>, TrainError> {
     config.validate()?;
+    check_captions(train, disturbed_copies)?;
     let clips = stating(train, disturbed_copies);
     let (mean, deviation) = moments(&clips);
     let mut file = EvidenceFile {
@@ -128,9 +122,9 @@ pub fn train(
         deviation,
         training: serde_json::Value::Null,
     };
-    if file.contents.is_empty() || file.sided.is_empty() {
+    if file.sided.is_empty() {
         return Err(TrainError::NoData(
-            "no action, or no side, that enough training clips state",
+            "the clips that state a side of an action have no points",
         ));
     }
     let known = |clips: Vec<Stating>| -> Vec<Sample> {
@@ -154,6 +148,42 @@ pub fn train(
         EvidenceNet::new(&shape, device)
     })?;
     harness::run(&mut stage, model, &config.run, out_dir, resume)
+}
+
+/// Checks by their captions alone that enough clips, with as many disturbed copies of each, state an action, and a side of
+/// one. A recipe of several stages calls it before the first of them.
+///
+/// # Errors
+/// [`TrainError::TooFewClips`].
+pub fn check_captions(clips: &[ClipRecord], disturbed_copies: usize) -> Result<(), TrainError> {
+    let mut contents: BTreeMap<String, usize> = BTreeMap::new();
+    let mut sided: BTreeMap<&str, usize> = BTreeMap::new();
+    for clip in clips {
+        let Some((content, _)) = stated(&clip.captions) else {
+            continue;
+        };
+        *contents.entry(content).or_default() += 1;
+        if let Some((action, _)) = stated_side(&clip.captions) {
+            *sided.entry(action).or_default() += 1 + disturbed_copies;
+        }
+    }
+    let several = contents.iter().filter(|(name, _)| name.contains(' '));
+    let n_several = several.map(|(_, n)| *n).filter(|n| *n < MIN_CLIPS).sum();
+    let n_action = contents.into_values().chain([n_several]).max();
+    for (what, found) in [
+        ("no action", n_action),
+        ("no side of an action", sided.into_values().max()),
+    ] {
+        let found = found.unwrap_or(0);
+        if found < MIN_CLIPS {
+            return Err(TrainError::TooFewClips {
+                what,
+                found,
+                needed: MIN_CLIPS,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// A clip and what its captions state.
@@ -217,17 +247,22 @@ fn stated(captions: &[String]) -> Option<(String, &String)> {
     best.map(|(content, (_, caption))| (content, caption))
 }
 
+/// The action and its side, if all captions that state a side state this one.
+fn stated_side(captions: &[String]) -> Option<(&'static str, Side)> {
+    let sides: BTreeSet<_> = captions.iter().filter_map(|c| only_side(c)).collect();
+    sides.first().copied().filter(|_| sides.len() == 1)
+}
+
 /// The clips whose captions state something, and disturbed copies of them.
 fn stating(clips: &[ClipRecord], disturbed_copies: usize) -> Vec<Stating> {
     let of = |clip: &ClipRecord, copy: usize| {
         let (_, caption) = stated(&clip.captions)?;
-        let sides: BTreeSet<_> = clip.captions.iter().filter_map(|c| only_side(c)).collect();
         let frames = copy_of(clip, copy);
         let frames = &frames[..frames.len().min(MAX_FRAMES)];
         Some(Stating {
             id: clip.id.clone(),
             caption: caption.clone(),
-            side: sides.first().copied().filter(|_| sides.len() == 1),
+            side: stated_side(&clip.captions),
             values: WindowValues::of(frames, clip.radar_height_m)?,
         })
     };

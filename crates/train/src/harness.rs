@@ -17,6 +17,7 @@
 //! Every random choice is drawn from a seed that is derived from the seed of the run and the epoch or step. A resumed
 //! run therefore continues bit for bit as if it had not been interrupted, on any number of CPU threads.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -26,15 +27,18 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
 use radarllm_inference::checkpoint::{
-    CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors,
+    CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, REPLACED_SUFFIX,
+    UNFINISHED_SUFFIX,
 };
 use radarllm_nn::device::Processor;
 use radarllm_nn::params::{collect_params, load_model, param_shapes, replace_params};
 use radarllm_nn::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::adamw::{AdamW, GradientSum, ParamRule};
 pub use crate::error::TrainError;
+use crate::inputs::Inputs;
 use crate::log::{Log, json_number};
 pub use crate::loop_config::{LoopConfig, Schedule, print_config, read_config};
 use crate::loss_scale::LossScale;
@@ -119,7 +123,7 @@ pub trait Stage {
     }
 
     /// Contents of `config.json` in the checkpoints: everything that inference needs to rebuild the network.
-    fn config(&self) -> serde_json::Value;
+    fn config(&self) -> Value;
 
     /// Whether small gradients underflow in the stage's precision.
     fn needs_loss_scale(&self) -> bool {
@@ -291,8 +295,13 @@ struct TrainState {
     /// Number of validations since the best one.
     #[serde(default)]
     since_best: u64,
+    /// [`LoopConfig::inputs`]; empty where they were not recorded.
+    #[serde(default)]
+    inputs: Inputs,
 }
 
+/// Beginning of the names of checkpoints for resuming, before the number of the step.
+const STEP_PREFIX: &str = "step-";
 const STATE_FILE: &str = "train_state.json";
 const OPTIMIZER_FILE: &str = "optimizer.safetensors";
 const STAGE_STATE_FILE: &str = "stage_state.safetensors";
@@ -331,6 +340,7 @@ pub fn run<S: Stage>(
                 false => LossScale::default(),
             },
             since_best: 0,
+            inputs: config.inputs.clone(),
         },
         optimizer: AdamW::default(),
         log: Log::of(out_dir),
@@ -349,12 +359,34 @@ pub fn run<S: Stage>(
     run.train(stage, model)
 }
 
-/// Removes the log of a run that was stopped before its first checkpoint, so that the run can start again.
+/// Whether the folder of a run contains a checkpoint from which it can continue.
+pub fn has_checkpoint(out_dir: &Path) -> bool {
+    !step_checkpoints(out_dir).is_empty()
+}
+
+/// Removes what a run left that was stopped before its first checkpoint was complete, so that the run can start again.
 ///
 /// # Errors
-/// If the log cannot be removed.
+/// If something cannot be removed.
 pub fn forget(out_dir: &Path) -> Result<(), TrainError> {
+    remove_unfinished(out_dir)?;
     Log::of(out_dir).remove()
+}
+
+/// Removes the checkpoints that were being written when the process ended.
+fn remove_unfinished(out_dir: &Path) -> Result<(), TrainError> {
+    let Ok(entries) = fs::read_dir(out_dir) else {
+        return Ok(());
+    };
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(STEP_PREFIX) && name.ends_with(UNFINISHED_SUFFIX) {
+            let path = entry.path();
+            fs::remove_dir_all(&path).map_err(|source| TrainError::Io { path, source })?;
+        }
+    }
+    Ok(())
 }
 
 /// Excludes parameters that are not trained from differentiation, so that no gradients are computed for them.
@@ -643,7 +675,11 @@ impl Run<'_> {
         files.json(STATE_FILE, &self.state)?;
         files.tensors(OPTIMIZER_FILE, &moments)?;
         files.tensors(STAGE_STATE_FILE, &stage.state())?;
-        files.write(&self.out_dir.join(format!("step-{:08}", self.state.step)))?;
+        files.write(
+            &self
+                .out_dir
+                .join(format!("{STEP_PREFIX}{:08}", self.state.step)),
+        )?;
         let all = step_checkpoints(self.out_dir);
         let keep = self.config.keep_last.max(1);
         for (_, old) in all.iter().take(all.len().saturating_sub(keep)) {
@@ -694,15 +730,18 @@ impl Run<'_> {
                     state.seed, self.config.seed
                 )));
             }
-            let saved: serde_json::Value = checkpoint.json(CONFIG_FILE)?;
-            // Converted to text and back, as the saved configuration was: JSON may round the last digit of a float.
-            let present: Option<serde_json::Value> =
-                serde_json::from_str(&stage.config().to_string()).ok();
-            if Some(&saved) != present.as_ref() {
-                return Err(mismatch(format!(
-                    "{CONFIG_FILE} differs from the present configuration"
-                )));
+            if let Some(problem) = changed_input(&state.inputs, &self.config.inputs) {
+                return Err(mismatch(problem));
             }
+            state.inputs.clone_from(&self.config.inputs);
+            let saved: Value = checkpoint.json(CONFIG_FILE)?;
+            // Converted to text and back, as the saved configuration was: JSON may round the last digit of a float.
+            let present: Value =
+                serde_json::from_str(&stage.config().to_string()).unwrap_or_default();
+            if let Some(problem) = difference(&saved, &present) {
+                return Err(mismatch(format!("{CONFIG_FILE}: {problem}")));
+            }
+            remove_unfinished(self.out_dir)?;
             let model = stage.load_weights(model, &checkpoint)?;
             let moments = checkpoint.tensors(OPTIMIZER_FILE)?;
             self.optimizer = AdamW::from_state(moments, state.n_updates, &param_shapes(&model))
@@ -776,23 +815,83 @@ fn add_parts(sums: &mut Vec<(&'static str, f64)>, parts: &[(&'static str, f64)])
     }
 }
 
+/// Maximum length of a value in an error message, characters.
+const MAX_SHOWN: usize = 60;
+
+/// The first key in which two configurations differ, with both values.
+fn difference(saved: &Value, present: &Value) -> Option<String> {
+    let (key, was, is) = first_difference(saved, present)?;
+    let shown = |value: Option<&Value>| {
+        let text = value.map_or("absent".into(), Value::to_string);
+        match text.char_indices().nth(MAX_SHOWN) {
+            Some((end, _)) => format!("{}...", &text[..end]),
+            None => text,
+        }
+    };
+    let key = key.trim_start_matches('.');
+    Some(format!(
+        "`{key}` is {} in the checkpoint, and {} in the present configuration",
+        shown(was),
+        shown(is)
+    ))
+}
+
+/// The dotted key and the values of the first difference, each key after a dot.
+fn first_difference<'a>(
+    saved: &'a Value,
+    present: &'a Value,
+) -> Option<(String, Option<&'a Value>, Option<&'a Value>)> {
+    if saved == present {
+        return None;
+    }
+    let (Value::Object(was), Value::Object(is)) = (saved, present) else {
+        return Some((String::new(), Some(saved), Some(present)));
+    };
+    let keys: BTreeSet<&String> = was.keys().chain(is.keys()).collect();
+    keys.into_iter()
+        .find_map(|key| match (was.get(key), is.get(key)) {
+            (Some(was), Some(is)) => {
+                let (inner, was, is) = first_difference(was, is)?;
+                Some((format!(".{key}{inner}"), was, is))
+            }
+            (was, is) => Some((format!(".{key}"), was, is)),
+        })
+}
+
+/// The first input that is not the one of the checkpoint.
+fn changed_input(saved: &Inputs, present: &Inputs) -> Option<String> {
+    // Earlier versions recorded none.
+    if saved.is_empty() {
+        return None;
+    }
+    let names: BTreeSet<&String> = saved.keys().chain(present.keys()).collect();
+    let name = (names.into_iter()).find(|name| saved.get(*name) != present.get(*name))?;
+    let hash = |of: &Inputs| of.get(name).map_or("none".into(), String::clone);
+    Some(format!(
+        "what it learned from has changed: `{name}` had the hash {}, and has {}",
+        hash(saved),
+        hash(present)
+    ))
+}
+
 /// Checkpoints for resuming in a directory, oldest first.
 fn step_checkpoints(out_dir: &Path) -> Vec<(u64, PathBuf)> {
     let Ok(entries) = fs::read_dir(out_dir) else {
         return Vec::new();
     };
+    let step_of = |name: &str| {
+        let name = name.strip_prefix(STEP_PREFIX)?;
+        // A process that ended while it replaced a checkpoint left the earlier one under this name.
+        name.strip_suffix(REPLACED_SUFFIX)
+            .unwrap_or(name)
+            .parse()
+            .ok()
+    };
     let mut found: Vec<(u64, PathBuf)> = entries
         .flatten()
-        .filter_map(|e| {
-            let step = e
-                .file_name()
-                .to_str()?
-                .strip_prefix("step-")?
-                .parse()
-                .ok()?;
-            Some((step, e.path()))
-        })
+        .filter_map(|e| Some((step_of(e.file_name().to_str()?)?, e.path())))
         .collect();
     found.sort();
+    found.dedup_by_key(|(step, _)| *step);
     found
 }

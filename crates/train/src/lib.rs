@@ -28,7 +28,7 @@
 //!
 //! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
-//! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`],
+//! Reading order: [`harness`] (training loop), [`inputs`] (what a stage learns from, by hashes), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`],
 //! [`tokenizer`], [`points`], [`evidence`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] and [`pictures`] (what comparison
 //! systems read instead of radar codes).
 
@@ -47,6 +47,7 @@ mod error;
 mod event_file;
 pub mod evidence;
 pub mod harness;
+pub mod inputs;
 pub mod lm;
 mod log;
 mod loop_config;

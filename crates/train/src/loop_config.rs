@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
 use crate::error::TrainError;
+use crate::inputs::Inputs;
 use crate::stop::StopToken;
 
 /// Measure of progress for the cosine of the learning rate schedule.
@@ -59,6 +60,9 @@ pub struct LoopConfig {
     /// Processors that compute the stage. They are not part of the compared settings: a run may be resumed on others.
     #[serde(skip)]
     pub processors: Processors,
+    /// What the run learns from besides its settings. It is resumed only with the same.
+    #[serde(skip)]
+    pub inputs: Inputs,
     /// Stops the run early. It is not part of the compared settings either.
     #[serde(skip)]
     pub stop: StopToken,
@@ -84,6 +88,7 @@ impl Default for LoopConfig {
             checkpoint_every_steps: 0,
             keep_last: 2,
             processors: Processors::default(),
+            inputs: Inputs::new(),
             stop: StopToken::default(),
         }
     }
@@ -100,12 +105,8 @@ impl LoopConfig {
     /// # Errors
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let fail = |field: &str, problem: &str| {
-            Err(TrainError::Config {
-                field: format!("loop.{field}"),
-                problem: problem.into(),
-            })
-        };
+        let fail =
+            |field: &str, problem: &str| Err(TrainError::config(field, problem).in_table("loop"));
         let unit = 0.0..1.0;
         if self.epochs == 0 && self.max_steps == 0 && self.max_minutes <= 0.0 {
             return fail(
@@ -164,6 +165,34 @@ impl LoopConfig {
         let cosine = 0.5 * (1.0 + (std::f64::consts::PI * progress.clamp(0.0, 1.0)).cos());
         let floor = self.final_lr_factor;
         self.learning_rate * warm * (floor + (1.0 - floor) * cosine)
+    }
+}
+
+/// Checks that a number of items is in `1..=max`.
+///
+/// # Errors
+/// [`TrainError::Config`] with the number.
+pub(crate) fn check_count(field: &str, value: usize, max: usize) -> Result<(), TrainError> {
+    match (1..=max).contains(&value) {
+        true => Ok(()),
+        false => {
+            let problem = format!("must be in 1..={max}, found {value}");
+            Err(TrainError::config(field, problem))
+        }
+    }
+}
+
+/// Checks that a weight, or a standard deviation, is finite and not negative.
+///
+/// # Errors
+/// [`TrainError::Config`] with the value.
+pub(crate) fn check_weight(field: &str, value: f64) -> Result<(), TrainError> {
+    match value.is_finite() && value >= 0.0 {
+        true => Ok(()),
+        false => {
+            let problem = format!("must be finite and not negative, found {value}");
+            Err(TrainError::config(field, problem))
+        }
     }
 }
 

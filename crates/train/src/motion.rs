@@ -20,6 +20,7 @@ use crate::data::plan_batches;
 use crate::harness::{
     self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
+use crate::loop_config::{check_count, check_weight};
 
 /// Minimum standard deviation by which a feature is divided. Features with smaller ones are constants with noise.
 const MIN_STD: f32 = 1e-3;
@@ -86,34 +87,22 @@ impl MotionTrainConfig {
     /// # Errors
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let fail = |field: &str, problem: String| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem,
-            })
-        };
-        if self.batch_size == 0 || self.batch_size > 4096 {
-            return fail(
-                "batch_size",
-                format!("must be in 1..=4096, found {}", self.batch_size),
-            );
-        }
+        self.run.validate()?;
+        check_count("batch_size", self.batch_size, 4096)?;
         if self.crop_frames == 0
             || !self.crop_frames.is_multiple_of(FRAMES_PER_FEATURE)
             || self.crop_frames > 1024
         {
-            return fail(
-                "crop_frames",
-                format!(
-                    "must be a multiple of 8 in 8..=1024, found {}",
-                    self.crop_frames
-                ),
+            let problem = format!(
+                "must be a multiple of 8 in 8..=1024, found {}",
+                self.crop_frames
             );
+            return Err(TrainError::config("crop_frames", problem));
         }
-        self.model.validate().map_err(|problem| TrainError::Config {
-            field: "model".into(),
-            problem,
-        })
+        check_weight("position_weight", self.position_weight)?;
+        check_weight("commit_weight", self.commit_weight)?;
+        let model = self.model.validate();
+        model.map_err(|problem| TrainError::config("model", problem))
     }
 }
 

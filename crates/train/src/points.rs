@@ -23,6 +23,7 @@ use crate::data::{plan_batches, shuffle};
 use crate::harness::{
     self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
+use crate::loop_config::{check_count, check_weight};
 
 /// Settings of the stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,12 +71,6 @@ impl PointsTrainConfig {
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
         self.run.validate()?;
-        let fail = |field: &str, problem: String| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem,
-            })
-        };
         for (field, value, max) in [
             ("batch_size", self.batch_size, 4096),
             (
@@ -85,15 +80,11 @@ impl PointsTrainConfig {
             ),
             ("targets_per_frame", self.targets_per_frame, 4096),
         ] {
-            if value == 0 || value > max {
-                return fail(field, format!("must be in 1..={max}, found {value}"));
-            }
+            check_count(field, value, max)?;
         }
-        if !(self.count_weight >= 0.0 && self.count_weight.is_finite()) {
-            return fail("count_weight", "must be finite and not negative".into());
-        }
+        check_weight("count_weight", self.count_weight)?;
         let shape = self.model.shape(1).validate();
-        shape.or_else(|e| fail("model", e.to_string()))
+        shape.map_err(|e| TrainError::config("model", e.to_string()))
     }
 }
 

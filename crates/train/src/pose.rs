@@ -23,6 +23,7 @@ use crate::data::plan_batches;
 use crate::harness::{
     self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
+use crate::loop_config::{check_count, check_weight};
 
 /// Settings of the stage.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,31 +97,18 @@ impl PoseTrainConfig {
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
         self.run.validate()?;
-        let fail = |field: &str, problem: String| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem,
-            })
-        };
-        for (field, value, max) in [
-            ("batch_size", self.batch_size, 4096),
-            ("crop_frames", self.crop_frames, 1024),
-        ] {
-            if value == 0 || value > max {
-                return fail(field, format!("must be in 1..={max}, found {value}"));
-            }
-        }
+        check_count("batch_size", self.batch_size, 4096)?;
+        check_count("crop_frames", self.crop_frames, 1024)?;
         for (field, weight) in [
             ("joint_weight", self.joint_weight),
             ("place_weight", self.place_weight),
             ("height_weight", self.height_weight),
             ("rotation_weight", self.rotation_weight),
         ] {
-            if !(weight >= 0.0 && weight.is_finite()) {
-                return fail(field, "must be finite and not negative".into());
-            }
+            check_weight(field, weight)?;
         }
-        self.model.validate().or_else(|e| fail("model", e))
+        let model = self.model.validate();
+        model.map_err(|e| TrainError::config("model", e))
     }
 }
 

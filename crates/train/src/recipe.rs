@@ -258,18 +258,19 @@ impl Recipe {
             recipe = all.try_into().map_err(problem)?;
         }
         recipe.preset = preset;
-        recipe.motion.validate()?;
-        recipe.tokenizer.validate()?;
-        recipe.pretrain.validate()?;
-        recipe.instruct.validate()?;
-        if let Some(points) = &recipe.points {
-            points.validate()?;
-        }
-        if let Some(evidence) = &recipe.evidence {
-            evidence.validate()?;
-        }
-        if let Some(pose) = &recipe.pose {
-            pose.validate()?;
+        let points = recipe.points.as_ref().map(PointsTrainConfig::validate);
+        let evidence = recipe.evidence.as_ref().map(EvidenceTrainConfig::validate);
+        let pose = recipe.pose.as_ref().map(PoseTrainConfig::validate);
+        for (table, checked) in [
+            ("motion", Some(recipe.motion.validate())),
+            ("tokenizer", Some(recipe.tokenizer.validate())),
+            ("pretrain", Some(recipe.pretrain.validate())),
+            ("instruct", Some(recipe.instruct.validate())),
+            ("points", points),
+            ("evidence", evidence),
+            ("pose", pose),
+        ] {
+            checked.unwrap_or(Ok(())).map_err(|e| e.in_table(table))?;
         }
         let problem = match recipe.pretrain.codes {
             CodeSource::Radar => None,
@@ -385,6 +386,20 @@ impl Recipe {
         self.out.join("model")
     }
 
+    /// Checks what the captions of the data sets show of later stages, before the first of `stages` is trained.
+    ///
+    /// # Errors
+    /// Data that cannot be read, or from which a stage cannot learn.
+    pub fn check_data(&self, stages: &[RecipeStage]) -> Result<(), TrainError> {
+        match stages.contains(&RecipeStage::Evidence) {
+            true => {
+                let train = self.clips(Split::Train, Columns::Points)?;
+                evidence::check_captions(&train, self.disturbed_copies)
+            }
+            false => Ok(()),
+        }
+    }
+
     /// Runs one stage. Returns `false` if [`Self::stop`] ended it early; it can then be continued with `resume`.
     ///
     /// # Errors
@@ -395,6 +410,16 @@ impl Recipe {
         let mut points = recipe.points.take().unwrap_or_default();
         let mut evidence = recipe.evidence.take().unwrap_or_default();
         let mut pose = recipe.pose.take().unwrap_or_default();
+        if self.start.is_some() && stage.shapes_tokenizer() {
+            return Err(TrainError::Config {
+                field: "start".into(),
+                problem: format!(
+                    "keeps the tokenizer of a model, so there is no stage `{}`",
+                    stage.name()
+                ),
+            });
+        }
+        let inputs = self.inputs(stage)?;
         for run in [
             &mut recipe.motion.run,
             &mut recipe.tokenizer.run,
@@ -406,18 +431,10 @@ impl Recipe {
         ] {
             run.processors = self.device.clone();
             run.stop = self.stop.clone();
-        }
-        if self.start.is_some() && stage.shapes_tokenizer() {
-            return Err(TrainError::Config {
-                field: "start".into(),
-                problem: format!(
-                    "keeps the tokenizer of a model, so there is no stage `{}`",
-                    stage.name()
-                ),
-            });
+            run.inputs.clone_from(&inputs);
         }
         // A stage that was never started, or was stopped before its first checkpoint, starts from the beginning.
-        let starts_afresh = resume && !has_checkpoint(&out);
+        let starts_afresh = resume && !harness::has_checkpoint(&out);
         if starts_afresh {
             harness::forget(&out)?;
         }
@@ -780,13 +797,6 @@ pub(crate) fn copy_of(clip: &ClipRecord, copy: usize) -> Vec<PointFrame> {
     }
 }
 
-/// Whether the folder of a stage contains a checkpoint from which it can continue.
-fn has_checkpoint(dir: &Path) -> bool {
-    fs::read_dir(dir).is_ok_and(|mut entries| {
-        entries.any(|e| e.is_ok_and(|e| e.file_name().to_string_lossy().starts_with("step-")))
-    })
-}
-
 fn copy_files(from: &Path, to: &Path) -> Result<(), TrainError> {
     let io = |path: &Path| {
         let path = path.to_path_buf();
@@ -955,5 +965,17 @@ mod tests {
         }
         let error = Recipe::from_toml("[tokenizer]\nbatch_sise = 3", Path::new("")).unwrap_err();
         assert!(error.to_string().contains("batch_sise"), "{error}");
+        for table in ["motion", "tokenizer", "points", "evidence", "pose"] {
+            let error = Recipe::from_toml(&format!("[{table}]\nbatch_size = 0"), Path::new(""));
+            let error = error.unwrap_err().to_string();
+            assert_eq!(
+                error,
+                format!("{table}.batch_size: must be in 1..=4096, found 0")
+            );
+            let text = format!("[{table}.loop]\nlearning_rate = 0.0");
+            let error = Recipe::from_toml(&text, Path::new("")).unwrap_err();
+            let field = format!("{table}.loop.learning_rate");
+            assert!(error.to_string().contains(&field), "{error}");
+        }
     }
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::chamfer::ChamferSide;
 use crate::data::AugmentConfig;
 use crate::harness::{LoopConfig, TrainError};
+use crate::loop_config::{check_count, check_weight};
 
 /// Which tubes are reconstructed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -218,18 +219,9 @@ impl TokenizerTrainConfig {
     /// # Errors
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
-        let fail = |field: &str, problem: String| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem,
-            })
-        };
-        if self.batch_size == 0 || self.batch_size > 4096 {
-            return fail(
-                "batch_size",
-                format!("must be in 1..=4096, found {}", self.batch_size),
-            );
-        }
+        let fail = |field: &str, problem: String| Err(TrainError::config(field, problem));
+        self.run.validate()?;
+        check_count("batch_size", self.batch_size, 4096)?;
         if self.model.residual_codes > 0 {
             return fail(
                 "model.residual_codes",
@@ -257,12 +249,7 @@ impl TokenizerTrainConfig {
             ("loss.spread_weight", loss.spread_weight),
             ("loss.commit_weight", loss.commit_weight),
         ] {
-            if !(value.is_finite() && value >= 0.0) {
-                return fail(
-                    field,
-                    format!("must be finite and not negative, found {value}"),
-                );
-            }
+            check_weight(field, value)?;
         }
         if loss.tubes_per_clip == 0 || loss.targets_per_tube == 0 {
             return fail(
@@ -286,10 +273,7 @@ impl TokenizerTrainConfig {
             let problem = "needs features of unit length, which `loss.lookup = \"cosine\"` makes";
             return fail("loss.spread_weight", problem.into());
         }
-        let config = |field: &str, problem| TrainError::Config {
-            field: field.into(),
-            problem,
-        };
+        let config = |field: &str, problem: String| TrainError::config(field, problem);
         self.model.validate().map_err(|p| config("model", p))?;
         self.augment.validate().map_err(|p| config("augment", p))
     }

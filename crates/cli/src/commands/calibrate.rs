@@ -98,7 +98,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> CliResult {
         ..CleaningOptions::default()
     };
     let corrector = corrector(&cleaning, &radar, named, &layout, &mut notes)?;
-    let mut frames = open_samples(opened, &radar, &layout, &mut notes)?;
+    let mut frames = open_samples(opened, &radar, &layout, &mut notes, &mut Vec::new())?;
     let radar = radar.into_config()?;
     let first = &args.capture[0];
     let mut stats = AdcStats::new(radar.rx.len(), 16);

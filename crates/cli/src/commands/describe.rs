@@ -9,9 +9,10 @@ use clap::Args;
 use radarllm::{
     BundledModel, Captioner, Clip, DescribeOptions, Description, Input, LongRecording, Person,
     PrepareOptions, PreparedClip, Recording, SimulateOptions, Site, SiteError, board_people,
-    prepare_for_model,
+    prepare_for_model, teach::Warning,
 };
 use radarllm_base::StaticClutter;
+use radarllm_formats::folder::raw_part;
 use radarllm_inference::{
     Chosen, Segment,
     lm::{AnswerPart, Instruction},
@@ -136,6 +137,8 @@ pub(crate) struct Row {
     pub frames: usize,
     /// Length of the clip, s.
     pub clip_seconds: f64,
+    /// What to know before trusting the sentences: what was lost, removed or assumed.
+    pub warnings: Vec<String>,
     /// Time from points to sentence, s.
     pub seconds: f64,
     /// Peak memory of this process, MB (Linux).
@@ -216,23 +219,26 @@ fn row(
         tokens: described.tokens,
         frames,
         clip_seconds,
+        warnings: Vec::new(),
         seconds: started.elapsed().as_secs_f64(),
         peak_memory_mb: peak_memory_mb(),
         person: None,
     }
 }
 
-/// The clip of a recording as the model expects it; what was done to it goes to stderr.
+/// The clip of a recording as the model expects it, and what to know before trusting its points; both go to stderr, too.
 pub(crate) fn prepared(
     input: &str,
     recording: &Recording,
     detail: Detail,
-) -> CliResult<PreparedClip<'static>> {
-    print_about(input, &recording.notes, &recording.warnings, detail);
+) -> CliResult<(PreparedClip<'static>, Vec<String>)> {
+    let mut warnings = recording.warnings.clone();
+    print_about(input, &recording.notes, &warnings, detail);
     let prepared = recording.prepared()?;
-    note_removed(input, prepared.removed_static);
-    note_gaps(input, &radarllm::gaps(&prepared.clip), detail);
-    Ok(prepared.clip)
+    note_removed(input, prepared.removed_static, &mut warnings);
+    let gaps = radarllm::gaps(&prepared.clip);
+    note_gaps(input, &gaps, detail, &mut warnings);
+    Ok((prepared.clip, warnings))
 }
 
 /// Prints what is known about a recording: with [`Detail::All`] its notes, which include the reasons of the warnings with all
@@ -247,13 +253,15 @@ fn print_about(input: &str, notes: &[String], warnings: &[String], detail: Detai
     }
 }
 
-fn note_removed(input: &str, removed: Option<StaticClutter>) {
+fn note_removed(input: &str, removed: Option<StaticClutter>, warnings: &mut Vec<String>) {
     if let Some(clutter) = removed {
-        note!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
+        let text = format!("{clutter} and are removed as clutter (--min-speed 0 keeps them)");
+        note!("{input}: {text}");
+        warnings.push(text);
     }
 }
 
-fn note_gaps(input: &str, gaps: &[[f64; 2]], detail: Detail) {
+fn note_gaps(input: &str, gaps: &[[f64; 2]], detail: Detail, warnings: &mut Vec<String>) {
     let mark = match detail {
         Detail::Warnings => "warning: ",
         Detail::All => "",
@@ -263,9 +271,10 @@ fn note_gaps(input: &str, gaps: &[[f64; 2]], detail: Detail) {
             1 => String::new(),
             n => format!(", and {} more times of more than 2 s", n - 1),
         };
-        note!(
-            "{mark}{input}: no frames from {from_s:.1} s to {to_s:.1} s{others}; nothing is said of them"
-        );
+        let text =
+            format!("no frames from {from_s:.1} s to {to_s:.1} s{others}; nothing is said of them");
+        note!("{mark}{input}: {text}");
+        warnings.push(text);
     }
 }
 
@@ -309,7 +318,8 @@ fn describe_long(
     detail: Detail,
     mut progress: Option<Progress<'_>>,
 ) -> CliResult<Row> {
-    print_about(input, &recording.notes, &recording.warnings, detail);
+    let mut warnings = recording.warnings.clone();
+    print_about(input, &recording.notes, &warnings, detail);
     let source = source_of(input, &recording.about);
     let started = Instant::now();
     let long = captioner.describe_long(recording, options, |share| {
@@ -318,10 +328,11 @@ fn describe_long(
             .for_each(|progress| progress.show(share));
     })?;
     drop(progress);
-    note_removed(input, long.removed_static);
-    note_gaps(input, &long.gaps, detail);
+    note_removed(input, long.removed_static, &mut warnings);
+    note_gaps(input, &long.gaps, detail, &mut warnings);
     let length = (long.frames, long.seconds);
-    Ok(row(captioner, source, long.description, length, started))
+    let row = row(captioner, source, long.description, length, started);
+    Ok(Row { warnings, ..row })
 }
 
 /// Prints a row for people: a line about the source, then the sentences.
@@ -336,7 +347,10 @@ pub(crate) fn print_row(row: &Row, detail: Detail) {
         "{}: {}, radar {}, {:.1} s{who}",
         row.source.source, row.source.provenance, row.source.radar, row.clip_seconds
     ));
-    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none();
+    /// What begins or ends so near the beginning or the end, s, is of the whole recording.
+    const NEAR_S: f64 = 1.0;
+    let is_whole = |s: &Segment| s.start_s < NEAR_S && s.end_s > row.clip_seconds - NEAR_S;
+    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none() && is_whole(s);
     if row.segments.len() < 2 && row.segments.iter().all(is_plain) {
         let remark = match &row.reason {
             Some(reason) => format!(": {reason}"),
@@ -477,6 +491,11 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     };
     let mut captioner = model::captioner(model, args.decoder)?;
     if let Some(memory) = load_memory(args.memory.as_deref())? {
+        // What is recognised by a single activity says little.
+        let is_alone = |w: &Warning| matches!(w, Warning::OnlyActivity { .. });
+        for warning in memory.doubts().into_iter().filter(is_alone) {
+            note!("warning: {warning}");
+        }
         captioner = captioner.with_memory(&memory);
     }
     let site = args.site.as_deref().map(radarllm::read_site).transpose()?;
@@ -495,17 +514,17 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
         true => Detail::All,
         false => Detail::Warnings,
     };
-    let source = |input: &String| {
-        radarllm::open(input)
+    let source = |input: &Capture| {
+        radarllm::open_parts(&input.files)
             .with_options(options.clone())
             .with_simulation(simulation.clone())
     };
-    let clips_of = |input: &String, recording: Recording| {
+    let clips_of = |input: &str, recording: Recording| {
         let site = site_of(&recording.clip);
         if args.site.is_none() {
             doubt_about_site(input, site.as_ref(), &recording.clip);
         }
-        let clip = prepared(input, &recording, detail)?;
+        let (clip, warnings) = prepared(input, &recording, detail)?;
         let asks_model = instruction.is_some() || !args.choose.is_empty();
         if asks_model && !captioner.knows_board(&clip) {
             note!(
@@ -516,11 +535,12 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
         let clips = clips_of_people(input, clip, &args.people)?;
         // A person shows less of the site than all of them.
         let site = site.and_then(Result::ok).filter(|_| args.people.is_given());
-        Ok::<_, CliError>((site, clips))
+        Ok::<_, CliError>((site, clips, warnings))
     };
     if let Some((text, instruction)) = &instruction {
-        let one = |input: &String| -> CliResult<Vec<AnswerRow>> {
-            clips_of(input, source(input).points()?)?
+        let one = |capture: &Capture| -> CliResult<Vec<AnswerRow>> {
+            let input = &capture.name;
+            clips_of(input, source(capture).points()?)?
                 .1
                 .into_iter()
                 .map(|(person, clip)| {
@@ -539,10 +559,11 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     }
     // People are followed, and activities chosen, in a recording as a whole.
     let needs_whole = args.people.is_given() || !args.choose.is_empty();
-    let one = |input: &String| -> CliResult<Vec<Row>> {
+    let one = |capture: &Capture| -> CliResult<Vec<Row>> {
+        let input = &capture.name;
         let recording = match needs_whole {
-            true => source(input).points()?,
-            false => match source(input).read()? {
+            true => source(capture).points()?,
+            false => match source(capture).read()? {
                 Input::Whole(recording) => *recording,
                 Input::Long(long) => {
                     if args.site.is_none() {
@@ -555,12 +576,23 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                 }
             },
         };
-        let (site, clips) = clips_of(input, recording)?;
+        let (site, clips, warnings) = clips_of(input, recording)?;
         clips
             .into_iter()
             .map(|(person, clip)| {
                 let row = describe_at(&captioner, input, &clip, &describing, site.as_ref())?;
-                Ok(Row { person, ..row })
+                // The clip of nobody has no points.
+                let is_nobody = args.people.people.is_some() && person.is_none();
+                let reason = match row.reason {
+                    Some(_) if is_nobody => Some("no track of points is that of a person".into()),
+                    reason => reason,
+                };
+                Ok(Row {
+                    person,
+                    reason,
+                    warnings: warnings.clone(),
+                    ..row
+                })
             })
             .collect()
     };
@@ -573,17 +605,56 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     })
 }
 
+/// An input: one file or folder, or the parts of a raw capture.
+struct Capture {
+    /// Its name in reports.
+    name: String,
+    files: Vec<String>,
+}
+
+/// The inputs as named; the parts of a raw capture, which mmWave Studio numbers, are one input.
+fn captures(inputs: &[String]) -> Vec<Capture> {
+    let part_of = |input: &str| -> Option<(String, u64)> {
+        let path = Path::new(input);
+        let (common, number) = raw_part(path.file_name()?.to_str()?)?;
+        Some((path.with_file_name(common).display().to_string(), number))
+    };
+    let mut captures: Vec<(Option<String>, Vec<(u64, &String)>)> = Vec::new();
+    for input in inputs {
+        let part = part_of(input);
+        let number = part.as_ref().map_or(0, |part| part.1);
+        let common = part.map(|part| part.0);
+        match captures
+            .iter_mut()
+            .find(|c| common.is_some() && c.0 == common)
+        {
+            Some((_, parts)) => parts.push((number, input)),
+            None => captures.push((common, vec![(number, input)])),
+        }
+    }
+    let capture = |(_, mut parts): (Option<String>, Vec<(u64, &String)>)| {
+        parts.sort();
+        let files: Vec<String> = parts.into_iter().map(|part| part.1.clone()).collect();
+        Capture {
+            name: files.join("+"),
+            files,
+        }
+    };
+    captures.into_iter().map(capture).collect()
+}
+
 /// Describes the inputs on several threads, and prints the results in the order of the inputs, soon after they are there. An
 /// input that cannot be described is named and does not stop the others.
 fn in_order<Row: Send>(
     args: &DescribeArgs,
-    describe: impl Fn(&String) -> CliResult<Vec<Row>> + Sync,
+    describe: impl Fn(&Capture) -> CliResult<Vec<Row>> + Sync,
     print: impl Fn(&Row) -> CliResult + Sync,
 ) -> CliResult {
     let block = INPUTS_PER_THREAD * threads(args.threads);
+    let captures = captures(&args.inputs);
     let mut failed = on_threads(args.threads, || -> CliResult<Vec<CliError>> {
         let mut failed = Vec::new();
-        for inputs in args.inputs.chunks(block) {
+        for inputs in captures.chunks(block) {
             let described: Vec<_> = inputs.par_iter().map(&describe).collect();
             for described in described {
                 match described {
@@ -594,7 +665,7 @@ fn in_order<Row: Send>(
         }
         Ok(failed)
     })??;
-    if args.inputs.len() == 1 {
+    if captures.len() == 1 {
         return failed.pop().map_or(Ok(()), Err);
     }
     if failed.is_empty() {
@@ -606,7 +677,7 @@ fn in_order<Row: Send>(
         ..CliError::new(format!(
             "{} of {} inputs could not be described",
             failed.len(),
-            args.inputs.len()
+            captures.len()
         ))
     })
 }

@@ -11,6 +11,7 @@ use glam::{Mat3, Vec3};
 use radarllm::{MotionInput, open_motion};
 use radarllm_body::mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body};
 use radarllm_files::npy::{NpyElement, NpyWriter};
+use radarllm_motions::spec::{GLOBAL_KEYS, KeySpec};
 use serde::Serialize;
 
 use crate::{
@@ -103,6 +104,11 @@ fn info(input: &str, json: bool, seed: u64) -> CliResult {
 
 fn list(json: bool) -> CliResult {
     let specs = radarllm_motions::specs();
+    let print_keys = |keys: &[KeySpec]| {
+        for key in keys {
+            output::print_line(&format!("    {:<14} {}", key.name, key.kind.describe()));
+        }
+    };
     if json {
         let rows: Vec<_> = specs
             .iter()
@@ -110,6 +116,7 @@ fn list(json: bool) -> CliResult {
                 let keys: std::collections::BTreeMap<_, _> = spec
                     .keys
                     .iter()
+                    .chain(GLOBAL_KEYS)
                     .map(|key| (key.name, key.kind.describe()))
                     .collect();
                 serde_json::json!({ "name": spec.name, "about": spec.about, "keys": keys })
@@ -119,10 +126,10 @@ fn list(json: bool) -> CliResult {
     }
     for spec in specs {
         output::print_line(&format!("builtin:{:<14} {}", spec.name, spec.about));
-        for key in spec.keys {
-            output::print_line(&format!("    {:<14} {}", key.name, key.kind.describe()));
-        }
+        print_keys(spec.keys);
     }
+    output::print_line("every request, once for all of its motions");
+    print_keys(GLOBAL_KEYS);
     Ok(())
 }
 

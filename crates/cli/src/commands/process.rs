@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use radarllm::{
-    Clip, Overwrite, PointFrame, PointsMeta, SampleRecording, write_points, write_points_with,
+    Clip, Overwrite, PointFrame, PointsMeta, PointsWriter, SampleRecording, write_points,
+    write_points_with,
 };
 use radarllm_base::Clutter;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
@@ -298,18 +299,15 @@ fn needs_all(args: &ProcessArgs, plots: &PictureRequest) -> bool {
 fn write_each(
     args: &ProcessArgs,
     about: &Clip,
-    first: Option<PointFrame>,
-    mut next: impl FnMut() -> radarllm::Result<Option<PointFrame>>,
+    mut next: impl FnMut(&mut PointsWriter<'_>) -> radarllm::Result<Option<PointFrame>>,
 ) -> CliResult<Written> {
     let mut written = Written::of(about);
     let meta = PointsMeta::of(about);
     write_points_with(&args.out, &meta, Overwrite::Replace, |writer| {
-        let mut frame = first;
-        while let Some(written_now) = frame {
+        while let Some(frame) = next(writer)? {
             written.frames += 1;
-            written.points += written_now.points.len();
-            writer.write(&written_now)?;
-            frame = next()?;
+            written.points += frame.points.len();
+            writer.write(&frame)?;
         }
         Ok::<_, radarllm::Error>(())
     })?;
@@ -319,15 +317,17 @@ fn write_each(
 /// Extracts the points of raw samples and writes them, frame by frame.
 fn convert_samples(args: &ProcessArgs, samples: &mut SampleRecording) -> CliResult<Written> {
     let mut placing = samples.placing()?;
-    let first = samples.next_points(|_, _, _| Ok(()))?;
+    let mut first = samples.next_points(|_, _, _| Ok(()))?;
     samples.check_has_frames()?;
-    let first = first.map(|frame| placing.apply(frame));
     let about = samples.about();
     let name = args.capture[0].display().to_string();
     let mut progress = Progress::new(&name);
-    let mut n_frames = 1;
-    write_each(args, &about, first, || {
-        let frame = samples.next_points(|_, _, _| Ok(()))?;
+    let mut n_frames = 0;
+    write_each(args, &about, |_| {
+        let frame = match first.take() {
+            Some(frame) => Some(frame),
+            None => samples.next_points(|_, _, _| Ok(()))?,
+        };
         n_frames += 1;
         progress.show(args.frames.map(|all| f64::from(n_frames) / all as f64));
         Ok(frame.map(|frame| placing.apply(frame)))
@@ -569,17 +569,35 @@ fn convert_stream(args: &ProcessArgs, mut stream: PointStream) -> CliResult<Reco
     let about = stream.about()?;
     let name = args.capture[0].display().to_string();
     let mut progress = Progress::new(&name);
-    let written = write_each(args, &about, first, || {
-        let frame = stream.next_frame();
-        progress.show(stream.share_read());
-        frame
+    let mut end = None;
+    let mut next = first;
+    let mut open = Some(stream);
+    let written = write_each(args, &about, |writer| {
+        let frame = next.take();
+        match &mut open {
+            Some(stream) => {
+                next = stream.next_frame()?;
+                progress.show(stream.share_read());
+            }
+            None => {}
+        }
+        // Whether speeds were measured is known at the end.
+        if next.is_none()
+            && let Some(stream) = open.take()
+        {
+            let found = end.insert(stream.finish()?);
+            if !found.has_speeds {
+                writer.without_speeds();
+            }
+        }
+        Ok(frame)
     })?;
     drop(progress);
     let StreamEnd {
         notes,
         mut warnings,
         ..
-    } = stream.finish()?;
+    } = end.unwrap_or_default();
     warnings.retain(|warning| !notes.contains(warning));
     Ok(RecordedReport {
         frames: written.frames,

@@ -66,6 +66,9 @@ const MAX_LINE_BYTES: u64 = 16 << 20;
 /// Maximum size of a list of words or abbreviations, bytes.
 const MAX_LIST_BYTES: u64 = 1 << 20;
 
+/// First bytes of some files of UTF-8.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+
 #[derive(Deserialize)]
 struct CandidateLine {
     id: Id,
@@ -158,7 +161,7 @@ pub(crate) fn run(args: &ScoreArgs) -> CliResult {
     output::print_json(&CaptionScores::new(scores, &candidates, &references))
 }
 
-/// Reads JSON lines and skips blank lines. The error names the first invalid line and the number of the others.
+/// Reads JSON lines and skips blank lines and the byte order mark that some editors write. The error names the first invalid line and the number of the others.
 fn read_lines<L: for<'a> Deserialize<'a>, T>(
     path: &Path,
     item: impl Fn(L) -> T,
@@ -182,7 +185,11 @@ fn read_lines<L: for<'a> Deserialize<'a>, T>(
                 path.display()
             )));
         }
-        let parsed = match std::str::from_utf8(&line) {
+        let bytes = match number {
+            1 => line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&line),
+            _ => &line,
+        };
+        let parsed = match std::str::from_utf8(bytes) {
             Ok(text) if text.trim().is_empty() => continue,
             Ok(text) => serde_json::from_str(text).map_err(|e| e.to_string()),
             Err(e) => Err(format!("not UTF-8 after {} bytes", e.valid_up_to())),

@@ -17,7 +17,8 @@ use radarllm_files::npy::NpyWriter;
 use radarllm_formats::Severity;
 use radarllm_synth::{
     Method, Synthesizer,
-    simulate::{is_builtin, motion_files},
+    placement::MIN_DISTANCE_M,
+    simulate::{is_builtin, is_scene, motion_files},
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -76,15 +77,16 @@ pub(crate) struct SimulateArgs {
     /// Plots to write.
     #[command(flatten)]
     pub pictures: PictureArgs,
-    /// A user's own SMPL-X .npz; the built-in body if omitted.
+    /// A user's own SMPL-X .npz for motions; the built-in body if omitted.
     #[arg(long)]
     pub body: Option<PathBuf>,
-    /// Distance from the radar to the middle of the motion's path, m.
-    #[arg(long, default_value_t = 3.0)]
-    pub distance_m: f32,
-    /// Height of the radar above the floor, m.
-    #[arg(long, default_value_t = 1.0)]
-    pub radar_height_m: f32,
+    /// Distance from the radar to the middle of a motion's path, m, from 1.3 to the radar's maximum range; 3 if omitted. A
+    /// long path is moved away until its near end is at 1.3 m.
+    #[arg(long)]
+    pub distance_m: Option<f32>,
+    /// Height of the radar above the floor, m; that of a scene's room, otherwise 1, if omitted.
+    #[arg(long)]
+    pub radar_height_m: Option<f32>,
     /// Seed of noise and motion variations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -125,6 +127,8 @@ struct Report {
     skipped: usize,
     failed: Vec<Failure>,
     frames: usize,
+    /// Frames with parts beyond the radar's maximum range, of which nothing is received.
+    frames_beyond_range: usize,
     seconds: f64,
     frames_per_s: f64,
     points_per_frame: f64,
@@ -141,6 +145,9 @@ struct Failure {
 /// What one input became.
 struct Done {
     frames: usize,
+    frames_beyond_range: usize,
+    /// Distance of the middle of a path that is too deep for the one asked for, m.
+    moved_to_m: Option<f32>,
     points: usize,
     out: PathBuf,
 }
@@ -157,10 +164,11 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
                 .hint("leave out --firmware or --emit adc"));
         }
     };
+    let usual = SimulateOptions::default();
     let options = SimulateOptions {
         seed: args.seed,
-        distance_m: args.distance_m,
-        radar_height_m: args.radar_height_m,
+        distance_m: args.distance_m.unwrap_or(usual.distance_m),
+        radar_height_m: args.radar_height_m.unwrap_or(usual.radar_height_m),
         firmware,
         body: args.body.clone(),
         method: match args.reference {
@@ -168,7 +176,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
             false => Method::Fast,
         },
         own_noise: true,
-        ..SimulateOptions::default()
+        ..usual
     };
     let radar = radar.into_config()?;
     // Radars with warnings are simulated all the same, and the warnings are printed.
@@ -177,6 +185,16 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
         note!("note: radar {}: {}", radar.name, finding.message);
     }
     let inputs = expand(&args.inputs)?;
+    if let Some(scene) = inputs.iter().find(|input| is_scene(input)) {
+        let (distance_m, body) = (args.distance_m.is_some(), args.body.is_some());
+        for (flag, is_given) in [("--distance-m", distance_m), ("--body", body)] {
+            if is_given {
+                let problem =
+                    format!("{scene}: {flag} is for motions; a scene states what stands where");
+                return Err(CliError::new(problem).hint("leave it out"));
+            }
+        }
+    }
     let outs = outputs(&inputs, args)?;
     let (shard, shards) = args.shard.unwrap_or((1, 1));
     let mut jobs: Vec<(String, PathBuf)> = inputs
@@ -192,6 +210,10 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
     }
     if n_inputs > 1 && args.pictures.paths().next().is_some() {
         return Err(CliError::new("plots are made of one input at a time"));
+    }
+    if args.pictures.tracks.is_some() {
+        let problem = "--tracks shows people whom `radarllm process --people auto` tracks";
+        return Err(CliError::new(problem).hint("leave it out, or process what is simulated"));
     }
     args.pictures.check()?;
     for path in jobs.iter().map(|job| &job.1).chain(args.pictures.paths()) {
@@ -230,6 +252,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
         skipped: n_inputs - jobs.len(),
         failed,
         frames,
+        frames_beyond_range: done.iter().map(|d| d.frames_beyond_range).sum(),
         seconds,
         frames_per_s: frames as f64 / seconds,
         points_per_frame: done.iter().map(|d| d.points).sum::<usize>() as f64
@@ -247,6 +270,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
             output::print_line(&format!("{} done before", report.skipped));
         }
     }
+    note_distances(&done, &report, &options, &radar);
     for failure in &report.failed {
         note!("failed: {}: {}", failure.input, failure.error);
     }
@@ -255,6 +279,31 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
         n => Err(CliError::new(format!(
             "{n} of {n_inputs} inputs failed; the others are written"
         ))),
+    }
+}
+
+/// Says where bodies are not where they were asked for, or where the radar receives nothing of them.
+fn note_distances(done: &[Done], report: &Report, options: &SimulateOptions, radar: &RadarConfig) {
+    let asked_m = options.distance_m;
+    let moved: Vec<f32> = done.iter().filter_map(|d| d.moved_to_m).collect();
+    match (moved.as_slice(), done.len()) {
+        ([], _) => {}
+        ([to_m], 1) => note!(
+            "note: the middle of the path is {to_m:.2} m away, not {asked_m} m, so that its near end is at {MIN_DISTANCE_M} m"
+        ),
+        (moved, n) => note!(
+            "note: {} of {n} paths are too long for {asked_m} m and farther away, so that their near ends are at \
+             {MIN_DISTANCE_M} m",
+            moved.len()
+        ),
+    }
+    if report.frames_beyond_range > 0 {
+        note!(
+            "note: in {} of {} frames, parts are beyond the maximum range of the radar, {:.2} m, and are not received",
+            report.frames_beyond_range,
+            report.frames,
+            radar.max_range_m()
+        );
     }
 }
 
@@ -363,6 +412,14 @@ fn simulate_one(
     args: &SimulateArgs,
 ) -> CliResult<Done> {
     let simulation = Simulation::open(input, radar, options)?;
+    let height_m = simulation.radar_height_m();
+    if let Some(asked_m) = args.radar_height_m.filter(|asked_m| *asked_m != height_m) {
+        // Another height than the default is refused by the library.
+        let problem = format!(
+            "{input}: [room] radar_height_m is {height_m} m, but --radar-height-m is {asked_m} m"
+        );
+        return Err(CliError::new(problem).hint("state it in [room] alone"));
+    }
     let mut pictures = Pictures::new(&args.pictures);
     let draws = args.pictures.paths().next().is_some();
     let n_points = match args.emit {
@@ -390,6 +447,8 @@ fn simulate_one(
     };
     Ok(Done {
         frames: simulation.n_frames(),
+        frames_beyond_range: simulation.frames_beyond_range(),
+        moved_to_m: simulation.moved_to_m(),
         points: n_points,
         out: out.into(),
     })

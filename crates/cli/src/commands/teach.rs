@@ -78,7 +78,7 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .points()?;
-        let clip = describe::prepared(input, &recording, Detail::All)?;
+        let (clip, _) = describe::prepared(input, &recording, Detail::All)?;
         if clip.provenance.is_simulated() {
             note!("warning: {input}: simulated points; recordings of your own radar teach more");
         }

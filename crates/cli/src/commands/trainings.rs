@@ -67,7 +67,9 @@ pub(crate) fn read_recipe(path: &Path) -> CliResult<Table> {
         .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
 }
 
-/// The training of a changed recipe, whose paths are relative to `recipe_base`, with its folders in `out`.
+/// The training of a changed recipe, whose paths are relative to `recipe_base`, with its folders in `out`. Data sets have to be
+/// built already, because their content is a part of the names of the folders; those of a data set that is not built have
+/// other names.
 pub(crate) fn plan_run(
     change: &Change,
     recipe: &Table,
@@ -105,6 +107,10 @@ pub(crate) fn plan_run(
     if let Some(start) = &recipe.start {
         write!(depends_on, ", start: {}", start.display())?;
     }
+    // Folders may get other content under the same name.
+    let mut inputs = recipe.outside_inputs()?;
+    let sentences = inputs.remove("sentences");
+    write!(depends_on, ", content: {inputs:?}")?;
     let mut id = String::new();
     for &stage in &stages {
         if stage == RecipeStage::Pretrain && recipe.disturbed_copies > 0 {
@@ -113,6 +119,9 @@ pub(crate) fn plan_run(
                 ", disturbed copies: {}",
                 recipe.disturbed_copies
             )?;
+        }
+        if let (RecipeStage::Pretrain, Some(sentences)) = (stage, &sentences) {
+            write!(depends_on, ", sentences: {sentences}")?;
         }
         let part = printed.get(stage.name()).map(ToString::to_string);
         write!(
@@ -279,6 +288,11 @@ mod tests {
 
     /// Folders of the stages of a recipe with changed values.
     fn folders(set: &[(&str, Value)]) -> BTreeMap<&'static str, PathBuf> {
+        folders_in(Path::new("base"), set)
+    }
+
+    /// The same of a recipe in a folder.
+    fn folders_in(base: &Path, set: &[(&str, Value)]) -> BTreeMap<&'static str, PathBuf> {
         let set: Vec<(String, Value)> = (set.iter())
             .map(|(key, value)| ((*key).into(), value.clone()))
             .collect();
@@ -289,8 +303,46 @@ mod tests {
             stages: RecipeStage::ALL.to_vec(),
         };
         let recipe = "data = \"data\"\nout = \"out\"".parse().unwrap();
-        let run = plan_run(&change, &recipe, Path::new("base"), Path::new("out")).unwrap();
+        let run = plan_run(&change, &recipe, base, Path::new("out")).unwrap();
         run.recipe.stage_folders
+    }
+
+    #[test]
+    fn data_of_other_content_in_the_same_folder_have_other_trainings() {
+        let base = tempfile::tempdir().unwrap();
+        let data = base.path().join("data");
+        let absent = folders_in(base.path(), &[]);
+        std::fs::create_dir(&data).unwrap();
+        let built = |blake3: &str| {
+            let manifest = serde_json::json!({
+                "schema_version": 2, "name": "d", "tool_version": "0", "radar": "awr1843boost",
+                "frame_rate_hz": 10.0, "seed": 1, "config_blake3": "c", "config_toml": "",
+                "licences": [], "n_clips": 1, "n_failed": 0,
+                "shards": [{
+                    "file": "data/train-00000-of-00001.parquet", "split": "train", "rows": 1,
+                    "bytes": 1, "blake3": blake3, "ids": ["a#0"], "failed": [],
+                }],
+            });
+            std::fs::write(data.join("manifest.json"), manifest.to_string()).unwrap();
+            folders_in(base.path(), &[])
+        };
+        let first = built("0a");
+        assert_eq!(built("0a"), first);
+        for other in [absent, built("0b")] {
+            assert!(first.iter().all(|(stage, folder)| other[stage] != *folder));
+        }
+        std::fs::write(data.join("manifest.json"), "{").unwrap();
+        let change = Change {
+            set: Vec::new(),
+            unset: &[],
+            seed: 1,
+            stages: RecipeStage::ALL.to_vec(),
+        };
+        let recipe = "data = \"data\"".parse().unwrap();
+        let Err(error) = plan_run(&change, &recipe, base.path(), Path::new("out")) else {
+            panic!("a damaged manifest was taken");
+        };
+        assert!(error.cause.contains("manifest.json"), "{}", error.cause);
     }
 
     #[test]

@@ -83,7 +83,7 @@ pub(crate) fn run(args: &ViewArgs) -> CliResult {
             ..SimulateOptions::default()
         })
         .points()?;
-    let clip = describe::prepared(&args.input_file, &recording, Detail::All)?;
+    let (clip, _) = describe::prepared(&args.input_file, &recording, Detail::All)?;
     let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
     let row = describe::describe(
         &captioner,

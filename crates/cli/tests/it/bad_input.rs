@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::command::{radarllm, refused};
+use crate::command::{json, radarllm, refused};
 
 const TINY_BVH: &str = "HIERARCHY\nROOT Hips\n{\n  OFFSET 0 0 0\n  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n  JOINT Spine\n  {\n    OFFSET 0 20 0\n    CHANNELS 3 Zrotation Xrotation Yrotation\n    End Site\n    {\n      OFFSET 0 40 0\n    }\n  }\n}\nMOTION\nFrames: 2\nFrame Time: 0.0333\n";
 
@@ -383,4 +383,24 @@ fn odd_targets_make_frames_without_nan() {
             .chunks_exact(4)
             .all(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]).is_finite())
     );
+}
+
+/// The hint of an unknown key refers to `motion list`.
+#[test]
+fn motion_list_has_all_keys_that_a_motion_accepts() {
+    let stderr = refused(&["motion", "info", "builtin:walk?sped=1"]);
+    assert!(stderr.contains("`radarllm motion list`"), "{stderr}");
+    let (_, keys) = stderr.split_once("it has: ").unwrap();
+    let keys: Vec<&str> = keys.lines().next().unwrap().split(", ").collect();
+    assert!(keys.contains(&"speed") && keys.contains(&"height_m"));
+    let rows = json(&["motion", "list", "--json"]);
+    let rows = rows.as_array().unwrap();
+    let walk = rows.iter().find(|row| row["name"] == "walk").unwrap();
+    let listed: Vec<&String> = walk["keys"].as_object().unwrap().keys().collect();
+    assert_eq!(listed, keys);
+    let text = String::from_utf8(radarllm(&["motion", "list"]).stdout).unwrap();
+    for key in keys {
+        let has_line = |line: &str| line.starts_with(&format!("    {key} "));
+        assert!(text.lines().any(has_line), "{key} in {text}");
+    }
 }

@@ -139,6 +139,18 @@ fn every_row_is_scored_or_says_why_not_and_a_second_run_changes_nothing() {
         problem.contains("nearest-training-clip.jsonl") && problem.contains("clip"),
         "{problem}"
     );
+
+    // Built anew in the same folder, the data are other data: nothing that was made of the earlier ones counts.
+    let data = path("configs/data/baselines-tiny.toml");
+    let text = fs::read_to_string(&data).unwrap();
+    fs::write(&data, text.replace("seed = 41", "seed = 42")).unwrap();
+    let folder = path("work/baselines-tiny-data");
+    done(&["dataset", "build", &data, "--out", &folder, "--force"]);
+    let plan = done(&["baselines", "run", &config, "--plan"]);
+    assert!(
+        plan.contains("stages, 0 done") && !plan.contains("done   captions"),
+        "{plan}"
+    );
 }
 
 #[test]
@@ -165,6 +177,12 @@ fn slips_in_a_comparison_are_refused() {
             "projectd",
         ),
         ("kind = \"radar\"", "kind = \"facts\"", "first row"),
+        ("out = ", "split = \"tset\"\nout = ", "tset"),
+        (
+            "\"mmMesh and MotionGPT style\"",
+            "\"RadarLLM, ours\"",
+            "captions/radarllm-ours.jsonl",
+        ),
     ] {
         fs::write(config, text.replacen(from, to, 1)).unwrap();
         let problem = refused(&["baselines", "run", config, "--plan"]);

@@ -215,8 +215,13 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         crate::command::refused(&["train", "motion", &model, "--force", "--device", device]);
         assert!(fs::exists(path("trained/motion/final")).unwrap());
     }
-    // Stopped before its first checkpoint, a stage starts afresh.
-    fs::create_dir(path("trained/tokenizer")).unwrap();
+    // Stopped before its first checkpoint was complete, a stage starts afresh.
+    fs::create_dir_all(path("trained/tokenizer/step-00000004.tmp")).unwrap();
+    fs::write(
+        path("trained/tokenizer/step-00000004.tmp/model.safetensors"),
+        "half a file",
+    )
+    .unwrap();
     fs::write(
         path("trained/tokenizer/log.jsonl"),
         "{\"left\": \"over\"}\n",
@@ -225,6 +230,12 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     done(&["train", "all", &path("model.toml"), "--resume"]);
     let log = fs::read_to_string(path("trained/tokenizer/log.jsonl")).unwrap();
     assert!(!log.contains("over") && log.contains("loss"), "{log}");
+    assert!(!fs::exists(path("trained/tokenizer/step-00000004.tmp")).unwrap());
+    // What is finished is resumed without a change.
+    let weights = || fs::read(path("trained/model/lm/model.safetensors")).unwrap();
+    let before = weights();
+    done(&["train", "all", &path("model.toml"), "--resume"]);
+    assert!(weights() == before);
     let model = path("trained/model");
     done(&[
         "eval",
@@ -308,6 +319,15 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     ];
     let problem = crate::command::refused(&int8);
     assert!(problem.contains("T5 only"), "{problem}");
+    // Only a T5 is written as bytes, and only a model.
+    let refused_packing = |model: &str, expected: &str| {
+        let problem =
+            crate::command::refused(&["lm", "pack", "--model", model, "--out", &path("packed")]);
+        assert!(problem.contains(expected), "{problem}");
+        assert!(!fs::exists(path("packed")).unwrap());
+    };
+    refused_packing(&alone, "its backbone is not t5");
+    refused_packing(&path("alone/model/lm"), "`tokenizer` and `lm`");
     // Other programs read the same folder.
     fs::write(path("ids.json"), "{\"input_ids\": [[5, 6, 7]]}").unwrap();
     let (lm, ids, out) = (path("alone/model/lm"), path("ids.json"), path("l.npy"));
@@ -323,6 +343,20 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         &out,
     ];
     assert_eq!(json(&arguments)["architecture"], "gpt2");
+
+    // Trained anew, a tokenizer has other codes: what learned from the earlier ones is not resumed.
+    let recipe = fs::read_to_string(path("alone.toml")).unwrap();
+    let reseeded = recipe.replace("[tokenizer.loop]", "[tokenizer.loop]\nseed = 7");
+    fs::write(path("alone.toml"), reseeded).unwrap();
+    let recipe = path("alone.toml");
+    done(&["train", "tokenizer", &recipe, "--force"]);
+    for stage in ["pretrain", "instruct"] {
+        let problem = crate::command::refused(&["train", stage, &recipe, "--resume"]);
+        let checkpoint = format!("alone/{stage}/step-");
+        for part in [&checkpoint, "`tokenizer` had the hash", "hint: remove"] {
+            assert!(problem.contains(part), "{part}: {problem}");
+        }
+    }
 
     // A damaged weight file is refused by name.
     let weights = folder.path().join("trained/model/lm/model.safetensors");

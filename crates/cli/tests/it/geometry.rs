@@ -268,3 +268,66 @@ fn folders_are_simulated_file_by_file() {
     let together = points(std::path::Path::new(&format!("{out}/b.parquet")));
     assert_eq!(points(&alone), together);
 }
+
+#[test]
+fn people_are_where_they_were_asked_to_be_or_refused() {
+    for distance_m in ["2.5", "8", "9.5"] {
+        let walk = "builtin:walk?direction=forward&distance_m=1";
+        let frames = simulate(walk, &["--distance-m", distance_m]);
+        let expected_m: f32 = distance_m.parse().unwrap();
+        // Half a step of the path, and half of a body's depth.
+        let found_m = median_range(&frames);
+        assert!(
+            (found_m - expected_m).abs() < 0.5,
+            "{distance_m}: {found_m}"
+        );
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    let out = path("points.parquet");
+    for distance_m in ["0.2", "12"] {
+        let args = ["simulate", "builtin:walk", "--out", &out];
+        let error = refused(&[&args[..], &["--distance-m", distance_m]].concat());
+        for word in ["--distance-m", "1.3 m", "10.99 m"] {
+            assert!(error.contains(word), "{error}");
+        }
+    }
+    // Half of the path is beyond the maximum range of 6.66 m.
+    let args = ["builtin:walk?distance_m=2", "--radar", "iwrl6432"];
+    let done = radarllm(
+        &[
+            &["simulate", "--json", "--distance-m", "6.6", "--out", &out],
+            &args[..],
+        ]
+        .concat(),
+    );
+    let error = String::from_utf8_lossy(&done.stderr);
+    assert!(error.contains("6.66 m"), "{error}");
+    let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(report["frames_beyond_range"].as_u64().unwrap() > 0);
+
+    let scene = path("scene.toml");
+    fs::write(
+        &scene,
+        "duration_s = 0.1\nmax_bounces = 1\n[room]\nradar_height_m = 1.8\nfacet_edge_m = 0.5\n",
+    )
+    .unwrap();
+    for (options, words) in [
+        (
+            &["--distance-m", "3"][..],
+            &["--distance-m", "scene.toml"][..],
+        ),
+        (&["--body", "absent.npz"], &["--body", "scene.toml"]),
+        (&["--radar-height-m", "0.7"], &["1.8 m", "0.7 m"]),
+        (&["--radar-height-m", "1"], &["1.8 m", "1 m"]),
+        (&["--tracks", "t.svg"], &["--tracks"]),
+    ] {
+        let error = refused(&[&["simulate", &scene, "--out", &out, "--force"], options].concat());
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    }
+    json(&["simulate", &scene, "--out", &out, "--force", "--json"]);
+    let meta = radarllm_dataset::read_points(std::path::Path::new(&out))
+        .unwrap()
+        .meta;
+    assert_eq!(meta.radar_height_m, Some(1.8));
+}

@@ -89,6 +89,28 @@ fn logits_and_hidden_states_are_written() {
 }
 
 #[test]
+fn what_is_no_model_is_not_packed() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("packed");
+    let (folder, out_text) = (dir.path().to_str().unwrap(), out.to_str().unwrap());
+    for verb in ["pack", "tokens"] {
+        for model in ["features", "nowhere", folder] {
+            let problem = refused(&["lm", verb, "--model", model, "--out", out_text]);
+            for part in [model, "not a checkpoint", "`tokenizer` and `lm`"] {
+                assert!(problem.contains(part), "{part}: {problem}");
+            }
+            assert!(!out.exists());
+        }
+        // Neither has an option that replaces anything.
+        let problem = refused(&["lm", verb, "--model", folder, "--out", folder]);
+        assert!(
+            problem.contains("give another --out") && !problem.contains("--force"),
+            "{problem}"
+        );
+    }
+}
+
+#[test]
 fn folders_and_ids_that_do_not_fit_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let ids = dir.path().join("ids.json");

@@ -109,6 +109,15 @@ fn cells_are_made_once_and_scored_against_the_unchanged_one() {
             "split = \"exam\"\n[[axis]]\nkind = \"rain\"\nrain_mm_per_h = [1]\n",
             "exam",
         ),
+        // Beyond the maximum range of the radar, and nearer than a body can be.
+        (
+            "[[axis]]\nkind = \"distance\"\ndistance_m = [8.0, 12.0]\n",
+            "10.99 m",
+        ),
+        (
+            "[[axis]]\nkind = \"distance\"\ndistance_m = [1.0, 3.0]\n",
+            "1.3 m",
+        ),
     ] {
         config(axes);
         let stderr = refused(&args);

@@ -396,3 +396,12 @@ fn poses_are_compared_in_the_layout_that_motion_mesh_writes() {
         );
     }
 }
+
+#[test]
+fn a_byte_order_mark_is_skipped_in_both_files() {
+    let scores = |mark: &str| {
+        let files = Files::new(format!("{mark}{GOOD_C}"), format!("{mark}{GOOD_R}"));
+        files.scores(&[])
+    };
+    assert_eq!(scores("\u{feff}"), scores(""));
+}

@@ -69,8 +69,8 @@ pub fn write_clip(path: &Path, clip: &Clip, overwrite: Overwrite) -> Result<(), 
 /// Writes a points file atomically.
 ///
 /// Besides the fields of [`PointsMeta`] the metadata holds `n_frames` (last frame number + 1, so
-/// that trailing empty frames survive), `t0_s` (nominal time of frame 0) and, if any,
-/// `missing_frames` (numbers absent from `frames`, as `3,7-9`).
+/// that trailing empty frames survive), `t0_s` (nominal time of frame 0) and, if any, `missing_frames` (numbers absent from
+/// `frames`, as `3,7-9`) and `speeds` (`unknown` if no point has a measured speed).
 ///
 /// # Errors
 /// Frames out of order, values that are not finite, more than 20 M points or 2 M frames, an
@@ -126,6 +126,7 @@ pub struct PointsWriter<'a> {
     writer: ArrowWriter<&'a mut File>,
     columns: Columns,
     span: FrameSpan,
+    has_speeds: bool,
 }
 
 impl<'a> PointsWriter<'a> {
@@ -145,7 +146,13 @@ impl<'a> PointsWriter<'a> {
             writer,
             columns: Columns::new(with_board),
             span: FrameSpan::default(),
+            has_speeds: true,
         })
+    }
+
+    /// States that the speeds of the points are not known, which is seen at the end of some recordings.
+    pub fn without_speeds(&mut self) {
+        self.has_speeds = false;
     }
 
     /// Writes the next frame.
@@ -176,7 +183,11 @@ impl<'a> PointsWriter<'a> {
         if !self.columns.frames.is_empty() {
             self.write_rows()?;
         }
-        for (key, value) in metadata_of(meta, &self.span) {
+        let meta = PointsMeta {
+            has_speeds: meta.has_speeds && self.has_speeds,
+            ..meta.clone()
+        };
+        for (key, value) in metadata_of(&meta, &self.span) {
             let value = KeyValue::new(key.to_string(), value);
             self.writer.append_key_value_metadata(value);
         }
@@ -333,6 +344,9 @@ fn metadata_of(meta: &PointsMeta, span: &FrameSpan) -> Vec<(&'static str, String
     }
     if !span.missing.is_empty() {
         metadata.push(("missing_frames", span.missing.clone()));
+    }
+    if !meta.has_speeds {
+        metadata.push(("speeds", UNKNOWN_SPEEDS.into()));
     }
     metadata
 }
@@ -763,6 +777,9 @@ fn complete(
     })
 }
 
+/// What the metadata `speeds` of points without speeds say.
+const UNKNOWN_SPEEDS: &str = "unknown";
+
 /// What the metadata of a points file state; see [`write_points`].
 struct Stated {
     path: PathBuf,
@@ -774,6 +791,7 @@ struct Stated {
     n_frames: Option<u64>,
     t0_s: Option<f64>,
     missing: Option<String>,
+    has_speeds: bool,
 }
 
 impl Stated {
@@ -836,6 +854,7 @@ impl Stated {
             n_frames,
             t0_s: number("t0_s")?,
             missing: metadata.get("missing_frames").cloned(),
+            has_speeds: metadata.get("speeds").is_none_or(|s| s != UNKNOWN_SPEEDS),
         };
         match n_frames {
             Some(n) if n > MAX_FRAMES => {
@@ -862,6 +881,7 @@ impl Stated {
             version,
             radar_height_m: self.radar_height_m,
             frame_rate_hz,
+            has_speeds: self.has_speeds,
         }
     }
 }

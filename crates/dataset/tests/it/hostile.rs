@@ -36,6 +36,7 @@ fn damaged_points_files_never_panic() {
         version: "0".into(),
         radar_height_m: None,
         frame_rate_hz: 10.0,
+        has_speeds: true,
     };
     let mut frames = frames(&mut Draw::new(1), 20);
     // Half of the frames have a report of the board, one with a track in a plane.

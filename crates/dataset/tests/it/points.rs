@@ -19,6 +19,7 @@ fn meta() -> PointsMeta {
         version: "0.1.0".into(),
         radar_height_m: Some(1.05),
         frame_rate_hz: 10.0,
+        has_speeds: true,
     }
 }
 

@@ -6,9 +6,11 @@
 
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
+use radarllm_dataset::Split;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
+use super::{split_of, test_split};
 use crate::EvalError;
 
 /// Metrics a table may show: key in the reports of `eval`, heading, factor in print.
@@ -33,8 +35,8 @@ pub struct Grid {
     /// Folder for everything, relative to this file.
     pub out: PathBuf,
     /// Split to evaluate on.
-    #[serde(default = "test_split")]
-    pub split: String,
+    #[serde(default = "test_split", deserialize_with = "split_of")]
+    pub split: Split,
     /// Every row is trained once with each.
     pub seeds: Vec<u64>,
     /// Changes to the base recipe for all rows: dotted key to value.
@@ -81,10 +83,6 @@ pub struct GridRow {
     pub doubted: BTreeMap<String, String>,
 }
 
-fn test_split() -> String {
-    "test".into()
-}
-
 fn yes() -> bool {
     true
 }
@@ -93,7 +91,7 @@ impl Grid {
     /// Reads a grid.
     ///
     /// # Errors
-    /// TOML errors with their place; a grid without seeds or rows; unknown metrics.
+    /// TOML errors with their place; a grid without seeds or rows, or with two of the same; unknown metrics.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let grid: Self = toml::from_str(text).map_err(|e| EvalError::Config(e.to_string()))?;
         check(&grid).map_err(EvalError::Config)?;
@@ -105,10 +103,20 @@ fn check(grid: &Grid) -> Result<(), String> {
     if grid.seeds.is_empty() {
         return Err("seeds: at least one is needed".into());
     }
+    if let Some(seed) = repeated(&grid.seeds) {
+        return Err(format!("seeds: {seed} occurs twice"));
+    }
     if grid.tables.iter().all(|table| table.rows.is_empty()) {
         return Err("no table has a row".into());
     }
     for table in &grid.tables {
+        let names: Vec<&str> = table.rows.iter().map(|row| row.name.as_str()).collect();
+        if let Some(name) = repeated(&names) {
+            return Err(format!(
+                "table `{}`: two rows have the name `{name}`",
+                table.title
+            ));
+        }
         let known = |key: &String| METRICS.iter().any(|m| m.0 == key);
         let reported = table.rows.iter().flat_map(|row| row.reported.keys());
         for row in &table.rows {
@@ -125,6 +133,13 @@ fn check(grid: &Grid) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// The first value that occurs before.
+fn repeated<T: PartialEq>(values: &[T]) -> Option<&T> {
+    let mut all = values.iter().enumerate();
+    let found = all.find(|(index, value)| values[..*index].contains(value));
+    found.map(|(_, value)| value)
 }
 
 /// A value over the seeds.
@@ -314,5 +329,16 @@ doubted = { meteor = "differs elsewhere." }
         assert!(error(&stray).contains("meteor is doubted"));
         assert!(error(&GRID.replace("meteor", "metoer")).contains("metoer"));
         assert!(error(&GRID.replace("[1, 2]", "[]")).contains("seeds"));
+        assert!(error(&GRID.replace("[1, 2]", "[3, 1, 3]")).contains("seeds: 3 occurs twice"));
+        let twice = format!("{GRID}\n[[table.row]]\nname = \"whole\"\n");
+        let twice = error(&twice);
+        assert!(
+            twice.contains("`Parts`") && twice.contains("`whole`"),
+            "{twice}"
+        );
+        let split = error(&format!("split = \"tset\"\n{GRID}"));
+        for part in ["split", "`tset`", "train, val or test"] {
+            assert!(split.contains(part), "{split}");
+        }
     }
 }

@@ -6,12 +6,12 @@
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
 use radarllm_base::{random::SplitMix64, stats::quantile_linear};
-use radarllm_dataset::ClipRecord;
+use radarllm_dataset::{ClipRecord, Split};
 use radarllm_metrics::{Scores, bootstrap::units_of_ids};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use super::{AddScores, Item, MAX_REFERENCES, Scorer, best_rouge_l, facts};
+use super::{AddScores, Item, MAX_REFERENCES, Scorer, best_rouge_l, facts, split_of, test_split};
 use crate::{ActionClassifier, Estimate, EvalError, ablation::METRICS, interval::N_RESAMPLES};
 
 /// The file of a comparison (TOML).
@@ -25,8 +25,8 @@ pub struct ComparisonConfig {
     /// Folder for everything, relative to this file.
     pub out: PathBuf,
     /// Split to describe.
-    #[serde(default = "test_split")]
-    pub split: String,
+    #[serde(default = "test_split", deserialize_with = "split_of")]
+    pub split: Split,
     /// Seed of trainings, bootstrap and shuffling.
     #[serde(default = "one")]
     pub seed: u64,
@@ -133,10 +133,6 @@ impl RowKind {
             Self::NotRun => "-",
         }
     }
-}
-
-fn test_split() -> String {
-    "test".into()
 }
 
 fn one() -> u64 {
@@ -469,7 +465,7 @@ pub fn compare(
         .collect();
     Ok(ComparisonReport {
         data: compared.data.into(),
-        split: config.split.clone(),
+        split: config.split.to_string(),
         clips: items.len(),
         train_clips: compared.train.len(),
         max_references: MAX_REFERENCES,
@@ -684,6 +680,11 @@ reason = "needs a GPU"
         assert!(error("reason = \"needs a GPU\"", "").contains("video"));
         assert!(error("rouge_1", "rouge_2").contains("rouge_2"));
         assert!(error("two stages", "ours").contains("twice"));
+        let split = error("out = \"out\"", "out = \"out\"\nsplit = \"tset\"");
+        assert!(
+            split.contains("`tset`") && split.contains("train, val or test"),
+            "{split}"
+        );
         assert!(error("\"not_run\"\n", "\"answers\"\n").contains("captions"));
         assert!(error("kind = \"radar\"", "kind = \"model\"").contains("`model`"));
         assert!(

@@ -33,7 +33,7 @@ use radarllm_metrics::{
     Candidate, Reference, ScoreOptions, Scores, bootstrap::units_of_ids, rouge::rouge_l, score,
     tokens,
 };
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 use crate::{
     ActionClassifier, Estimate, EvalError, ModelInfo,
@@ -563,6 +563,21 @@ fn best_rouge_l(candidate: &str, references: &[String]) -> f64 {
         .map(|text| tokens::rouge_score(text))
         .collect();
     rouge_l(&tokens::rouge_score(candidate), &references)
+}
+
+/// Reads the name of a split in a configuration.
+pub(crate) fn split_of<'de, D: Deserializer<'de>>(from: D) -> Result<Split, D::Error> {
+    let name = String::deserialize(from)?;
+    Split::from_name(&name).ok_or_else(|| {
+        D::Error::custom(format!(
+            "unknown split `{name}`: expected train, val or test"
+        ))
+    })
+}
+
+/// The split of configurations that name none.
+pub(crate) fn test_split() -> Split {
+    Split::Test
 }
 
 /// A split without what evaluation does not need; one variant of each motion, but for training.

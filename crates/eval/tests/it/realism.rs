@@ -7,13 +7,13 @@ use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_eval::realism::{RealismConfig, Take, calibrate, compare, pairs, replay};
 use radarllm_radar_dsp::Detector;
 
-/// A small radar: 32 loops of 64 samples, two transmitters of which one is raised.
+/// A small radar: 32 loops of 128 samples up to 5.5 m, two transmitters of which one is raised.
 const RADAR: &str = r#"
 base = "awr1843boost"
 name = "small"
 n_loops = 32
-n_samples = 64
-sample_rate_hz = 1.1e6
+n_samples = 128
+sample_rate_hz = 2.2e6
 tx = [{ x_m = 0.0, z_m = 0.0 }, { x_m = 0.0039, z_m = 0.00195 }]
 "#;
 
@@ -60,6 +60,7 @@ fn record(folder: &Path, truth: &RealismConfig) -> Vec<Take> {
             version: "0".into(),
             radar_height_m: None,
             frame_rate_hz: 10.0,
+            has_speeds: true,
         };
         let file = folder.join(format!("{name}.parquet"));
         // One point a frame keeps the frame in the file; the real points replace it.

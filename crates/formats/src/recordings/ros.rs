@@ -1,5 +1,5 @@
-//! Messages of ROS with the points of a radar, as bags hold them: `sensor_msgs/PointCloud2`, and `RadarScan` of TI's driver
-//! (`ti_mmwave_rospkg`), a message for each point.
+//! Messages of ROS with the points of a radar, as bags hold them: `sensor_msgs/PointCloud2`, `radar_msgs/RadarScan`, a frame of
+//! returns each, and `RadarScan` of TI's driver (`ti_mmwave_rospkg`), a message for each point.
 //!
 //! Two encodings are read: that of ROS 1, little-endian without padding, and CDR of ROS 2 in both byte orders, where numbers
 //! stand at multiples of their size. Clouds state the name, offset and type of their fields; the names are those of tables
@@ -93,7 +93,9 @@ impl From<RecordingError> for BagError {
 enum Payload {
     /// `PointCloud2`.
     Cloud,
-    /// `RadarScan` with its fields after the header.
+    /// `radar_msgs/RadarScan`: a list of range, azimuth, elevation, velocity and amplitude of each return.
+    Returns,
+    /// `RadarScan` of TI's driver with its fields after the header.
     Scan(Vec<(String, Primitive)>),
     Other,
 }
@@ -165,6 +167,7 @@ impl RosMessages {
         let payload = match (package, name) {
             _ if encoding.is_none() => Payload::Other,
             ("sensor_msgs", "PointCloud2") => Payload::Cloud,
+            ("radar_msgs", "RadarScan") => Payload::Returns,
             (package, "RadarScan") if package.starts_with("ti_mmwave") => {
                 let definition = definition.filter(|text| !text.trim().is_empty());
                 let fields = definition.map_or_else(|| Ok(scan_fields()), scan_fields_of);
@@ -234,8 +237,8 @@ impl RosMessages {
         Ok(())
     }
 
-    /// Returns the frames of the topic that was named, or of the only one with points: clouds before single points, which the
-    /// driver of TI sends both.
+    /// Returns the frames of the topic that was named, or of the only one with points: whole frames before single points, which
+    /// the driver of TI sends both.
     ///
     /// # Errors
     /// No topic with points or several, or an error in the messages of the only one.
@@ -275,7 +278,7 @@ impl RosMessages {
         };
         let whole = |t: &&&Topic| t.error.is_none() && !t.frames.is_empty();
         let mut candidates: Vec<&Topic> = asked.iter().filter(whole).copied().collect();
-        let is_cloud = |t: &&Topic| matches!(t.payload, Payload::Cloud);
+        let is_cloud = |t: &&Topic| !matches!(t.payload, Payload::Scan(_));
         if candidates.iter().any(is_cloud) {
             candidates.retain(is_cloud);
         }
@@ -285,7 +288,8 @@ impl RosMessages {
                 if let Some(error) = asked.iter().find_map(|t| t.error.clone()) {
                     return Err(BagError { error, choices });
                 }
-                let what = "PointCloud2 messages, or RadarScan messages of TI's driver,";
+                let what =
+                    "PointCloud2 messages, or RadarScan messages of radar_msgs or of TI's driver,";
                 return Err(wrong(match &self.wanted {
                     Some(name) => format!("{what} on {}", printable(name)),
                     None => format!("a topic with {what} of a radar"),
@@ -386,6 +390,11 @@ impl Topic {
                 if !cloud.has_intensity {
                     self.points_without_intensity += cloud.frame.points.len() as u64;
                 }
+                self.frames.push(cloud.frame);
+            }
+            Payload::Returns => {
+                let cloud = read_returns(&mut cursor, axes)?;
+                self.points_dropped += cloud.dropped;
                 self.frames.push(cloud.frame);
             }
             Payload::Scan(fields) => {
@@ -613,6 +622,47 @@ fn scan_fields_of(definition: &str) -> Result<Vec<(String, Primitive)>, String> 
         None if !has_header => Err("no Header".into()),
         None => Ok(fields),
     }
+}
+
+/// Reads `radar_msgs/RadarScan`: for each return the range in m, azimuth and elevation in rad, the velocity in m/s and the
+/// amplitude in dB, all float32. Azimuths grow anticlockwise, to the left.
+fn read_returns(cursor: &mut Cursor<'_>, axes: Axes) -> Result<Cloud, RecordingError> {
+    let stamp_s = cursor.header()?;
+    let mut points = Vec::new();
+    let mut dropped = 0;
+    for _ in 0..cursor.u32()? {
+        let mut values = [0.0; 5];
+        for value in &mut values {
+            *value = Primitive::F32.read(cursor)?;
+        }
+        let [
+            range_m,
+            azimuth_rad,
+            elevation_rad,
+            velocity_mps,
+            amplitude_db,
+        ] = values;
+        // In axes of which the second points to the left, as ROS has them.
+        let azimuth_rad = match axes {
+            Axes::ForwardLeftUp => azimuth_rad,
+            Axes::RightForwardUp => -azimuth_rad,
+        };
+        let [x, y, z] = angles_to_position(axes, [range_m, azimuth_rad, elevation_rad]);
+        match within_limits(axes, [x, y, z, velocity_mps, amplitude_db]) {
+            Some(point) => points.push(point),
+            None => dropped += 1,
+        }
+    }
+    Ok(Cloud {
+        frame: RecordedFrame {
+            number: 0,
+            stamp_s: Some(stamp_s),
+            points,
+            board: None,
+        },
+        dropped,
+        has_intensity: true,
+    })
 }
 
 /// A point of a scan.

@@ -215,6 +215,86 @@ pub(super) fn unit_of(
     }
 }
 
+/// Joins the rows of a frame where every row has a time of its own, as a recorder writes them that asks the clock for each
+/// point: short steps within frames and long ones between them. Returns the length of the longest short step, in the unit of
+/// the times. `unit_s` is that unit in s where it is known.
+///
+/// A radar that reports one point a frame has steps of one length, and pauses of any length.
+pub(super) fn join_rows(frames: &mut Vec<RecordedFrame>, unit_s: Option<f64>) -> Option<f64> {
+    /// Fewer rows show nothing.
+    const MIN_ROWS: usize = 20;
+    /// Share of the rows that have a time of their own.
+    const ALONE: f64 = 0.8;
+    /// How many times longer steps between frames are: where the unit is known, and short steps are shorter than any frame
+    /// period (s), or wherever it may be otherwise.
+    const RATIO: f64 = 10.0;
+    const WITHIN_S: f64 = 0.005;
+    const CLEAR_RATIO: f64 = 100.0;
+    /// Number and share of long steps, and how much nine tenths of them may differ.
+    const MIN_LONG: usize = 3;
+    const LONG: f64 = 0.01;
+    const SPREAD: f64 = 3.0;
+
+    let n_alone = frames.iter().filter(|f| f.points.len() <= 1).count();
+    if frames.len() < MIN_ROWS || (n_alone as f64) < ALONE * frames.len() as f64 {
+        return None;
+    }
+    let times: Option<Vec<f64>> = frames.iter().map(|f| f.stamp_s).collect();
+    let times = times?;
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.retain(|step| *step > 0.0);
+    steps.sort_by(f64::total_cmp);
+    let ratio = |at: &usize| steps[at + 1] / steps[*at];
+    let last_short =
+        (0..steps.len().saturating_sub(1)).max_by(|a, b| ratio(a).total_cmp(&ratio(b)))?;
+    let (short, long) = steps.split_at(last_short + 1);
+    let of = |steps: &[f64], share: f64| steps[((steps.len() - 1) as f64 * share) as usize];
+    let is_short = unit_s.is_some_and(|unit_s| of(short, 0.5) * unit_s < WITHIN_S);
+    let min_ratio = if is_short { RATIO } else { CLEAR_RATIO };
+    let are_frames = ratio(&last_short) >= min_ratio
+        && short.len() >= long.len()
+        && long.len() >= MIN_LONG.max((LONG * steps.len() as f64) as usize)
+        && of(long, 0.9) <= SPREAD * of(long, 0.1);
+    if !are_frames {
+        return None;
+    }
+    let longest = short[last_short];
+    let mut before = f64::NEG_INFINITY;
+    let mut joined: Vec<RecordedFrame> = Vec::new();
+    for (mut row, time) in std::mem::take(frames).into_iter().zip(times) {
+        match joined.last_mut() {
+            Some(frame) if (0.0..=longest).contains(&(time - before)) => {
+                frame.points.append(&mut row.points);
+            }
+            _ => {
+                row.number = joined.len() as u64;
+                joined.push(row);
+            }
+        }
+        before = time;
+    }
+    *frames = joined;
+    Some(longest)
+}
+
+/// The seconds in the unit of times that are Unix times, which their size shows.
+pub(super) fn unix_unit_s(first: f64) -> Option<f64> {
+    let mut units = UNITS.into_iter().map(|(_, factor)| factor);
+    units.find(|factor| UNIX_S.contains(&(first * factor)))
+}
+
+/// Frames a second of a clock that is too coarse to tell frames apart, from the numbers of the frames; `None` if it is not.
+pub(super) fn coarse_rate_hz(frames: &[RecordedFrame]) -> Option<f64> {
+    let mut n_same = 0;
+    for pair in frames.windows(2) {
+        n_same += usize::from(pair[0].stamp_s? == pair[1].stamp_s?);
+    }
+    let (first, last) = (frames.first()?, frames.last()?);
+    let seconds = last.stamp_s? - first.stamp_s?;
+    let n_periods = last.number.checked_sub(first.number)? as f64;
+    (2 * n_same > frames.len() && seconds > 0.0).then(|| n_periods / seconds)
+}
+
 /// Continues clocks that run backwards: the frames follow on, one median step later. Times of day that pass midnight go
 /// on. Returns how often the clock went back, with the first of these steps in s and the index of its frame.
 pub(super) fn continue_clock(

@@ -37,6 +37,7 @@ pub(super) struct FrameBuilder {
     /// How the first time was written.
     clock: Option<CellTime>,
     points_dropped: u64,
+    points_at_radar: u64,
     rows_dropped: u64,
     restarts: u64,
     /// Whether every SNR is a whole number, as firmware sends tenths of dB.
@@ -65,6 +66,7 @@ impl FrameBuilder {
             frames: Vec::new(),
             clock: None,
             points_dropped: 0,
+            points_at_radar: 0,
             rows_dropped: 0,
             restarts: 0,
             snr_is_whole: true,
@@ -129,6 +131,11 @@ impl FrameBuilder {
             return self.without_point(&row);
         };
         let angles = self.columns.get(Column::Azimuth);
+        // Rows of zeros fill up frames.
+        if a == 0.0 && (angles.is_some() || (b == 0.0 && c == 0.0)) {
+            self.points_at_radar += 1;
+            return Ok(());
+        }
         let position_m = match angles {
             None => self.axes.to_project([a, b, c]),
             Some(angle) if angle.meaning.states_unit => self
@@ -237,6 +244,10 @@ impl FrameBuilder {
                 "points were left out, because one of their cells is empty or not a number",
             ),
             (
+                self.points_at_radar,
+                "rows with a point at the place of the radar itself, as in rows of zeros that fill up frames, were left out",
+            ),
+            (
                 self.rows_dropped,
                 "rows were left out, because they state no frame and no time",
             ),
@@ -327,6 +338,39 @@ impl FrameBuilder {
             return;
         };
         let name = &self.columns.time_name;
+        let first = self.frames.iter().find_map(|f| f.stamp_s);
+        if self.columns.get(Column::Frame).is_none() {
+            let unit_s = match clock {
+                CellTime::Number(_) if !placed.meaning.states_unit => {
+                    first.and_then(clock::unix_unit_s)
+                }
+                _ => Some(1.0),
+            };
+            let n_rows = self.frames.len();
+            if let Some(longest) = clock::join_rows(&mut self.frames, unit_s) {
+                table.notes.push(format!(
+                    "every row has a time of its own in `{name}`: {n_rows} rows of at most {longest:.3e} from one to the next \
+                     are {} frames",
+                    self.frames.len()
+                ));
+            }
+        } else if let Some(rate_hz) = clock::coarse_rate_hz(&self.frames) {
+            let unit = match clock {
+                CellTime::Number(_) if !placed.meaning.states_unit => "unit of time",
+                _ => "second",
+            };
+            table.clock_error = Some(RecordingError {
+                at: place,
+                expected: format!("a time in `{name}` for each frame"),
+                found: format!(
+                    "one for several frames: their numbers grow by {rate_hz:.2} in a {unit}"
+                ),
+            });
+            for frame in &mut self.frames {
+                frame.stamp_s = None;
+            }
+            return;
+        }
         let times = self.frames.iter().filter_map(|f| f.stamp_s);
         if placed.meaning.states_unit {
             if let Some(step_s) = clock::median_step(times).filter(|s| *s > MAX_STEP_S) {

@@ -75,7 +75,7 @@ fn check_named(place: Place, names: &[&str]) -> Result<(), RecordingError> {
 pub(crate) struct FirstRow {
     pub(crate) separator: u8,
     pub(crate) cells: Vec<String>,
-    /// Number of bytes before the row: a line `sep=;`, which Excel reads.
+    /// Number of bytes before the row: a line `sep=;`, which Excel reads, and comments.
     start: usize,
 }
 
@@ -99,6 +99,7 @@ pub(crate) fn first_row(text: &str) -> FirstRow {
         separator = Some(named);
         start += body.find('\n').map_or(body.len(), |n| n + 1);
     }
+    start += comments_before(&text[start..]);
     let row = text[start..].lines().find(|l| !l.trim().is_empty());
     let mut is_quoted = false;
     let mut counts = [(b',', 0), (b';', 0), (b'\t', 0)];
@@ -117,6 +118,23 @@ pub(crate) fn first_row(text: &str) -> FirstRow {
         cells: record.iter().map(str::to_owned).collect(),
         start,
     }
+}
+
+/// Number of bytes of the lines before a table that begin with `#` and are no header, as recorders write notes there. A line
+/// that names columns is a header, as `numpy.savetxt` writes it.
+fn comments_before(text: &str) -> usize {
+    let mut n_bytes = 0;
+    for line in text.split_inclusive('\n') {
+        let content = line.trim();
+        let names = content.split([',', ';', '\t']);
+        let is_header = names.filter(|name| is_point_column(name)).count() >= 2;
+        if !content.is_empty() && (!content.starts_with('#') || is_header) {
+            return n_bytes;
+        }
+        n_bytes += line.len();
+    }
+    // Nothing but comments.
+    0
 }
 
 /// A reader of rows of any length with cells that may be quoted (RFC 4180).
@@ -303,7 +321,8 @@ pub fn read_points_csv(
 }
 
 /// Reads an npy table: a structured array with named columns, or a plain array of shape (rows, 7) or, with `columns` as in
-/// [`read_points_csv`], of as many columns as these are.
+/// [`read_points_csv`], of as many columns as these are; or frames that were filled up with zeros, of shape (frames, points,
+/// 5) with [`FRAME_COLUMNS`].
 ///
 /// # Errors
 /// [`RecordingError`] with the byte or row, as for [`read_points_csv`]; also for pickled arrays.
@@ -316,6 +335,9 @@ pub fn read_points_npy(
     let shape = array.header.shape.clone();
     let fields = &array.header.fields;
     let has_names = fields.first().is_some_and(|f| !f.name.is_empty());
+    if let ([n_frames, n_points, 5], false, None) = (shape.as_slice(), has_names, columns) {
+        return read_frames(&array, *n_frames as usize, *n_points as usize, axes);
+    }
     let names: Vec<&str> = match columns {
         Some(list) => named_columns(list),
         None if has_names => fields.iter().map(|f| f.name.as_str()).collect(),
@@ -340,6 +362,34 @@ pub fn read_points_npy(
             let value = match has_names {
                 true => array.value(row, column),
                 false => array.value(row * n + column, 0),
+            };
+            Ok(match value.is_finite() {
+                true => Cell::Number(value),
+                false => Cell::Empty,
+            })
+        })?;
+    }
+    builder.finish(Place::Byte(0))
+}
+
+/// Columns of the points of frames that were filled up to one number of points.
+pub const FRAME_COLUMNS: [&str; 5] = ["x", "y", "z", "velocity", "intensity"];
+
+/// Reads an array of shape (frames, points, 5).
+fn read_frames(
+    array: &NpyArray<'_>,
+    n_frames: usize,
+    n_points: usize,
+    axes: Axes,
+) -> Result<PointsTable, RecordingError> {
+    let mut names = vec!["frame"];
+    names.extend(FRAME_COLUMNS);
+    let mut builder = FrameBuilder::new(Columns::find(Place::Byte(0), &names)?, axes);
+    for row in 0..n_frames.saturating_mul(n_points).min(array.len() / 5) {
+        builder.push(Place::Row(row), |column, _| {
+            let value = match column.checked_sub(1) {
+                None => (row / n_points) as f64,
+                Some(column) => array.value(row * FRAME_COLUMNS.len() + column, 0),
             };
             Ok(match value.is_finite() {
                 true => Cell::Number(value),

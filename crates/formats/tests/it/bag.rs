@@ -157,7 +157,7 @@ fn what_cannot_be_read_is_said() {
     };
     assert!(error(&[link.clone(), wide.message(0, 1)], None).contains("row_step"));
     assert!(error(&[link], None).contains(
-        "a topic with PointCloud2 messages, or RadarScan messages of TI's driver, of a radar"
+        "a topic with PointCloud2 messages, or RadarScan messages of radar_msgs or of TI's driver, of a radar"
     ));
     let huge = [b"#ROSBAG V2.0\n".as_slice(), &[0xFF; 4]].concat();
     let huge = read_bag(huge.as_slice(), None, Axes::ForwardLeftUp).unwrap_err();

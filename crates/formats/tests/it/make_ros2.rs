@@ -99,6 +99,16 @@ pub fn scan(stamp: [u32; 2], point_id: u16, point: [f32; 5], big_endian: bool) -
     cdr.finish()
 }
 
+/// A message `radar_msgs/msg/RadarScan` of returns: range, azimuth, elevation, velocity and amplitude each.
+pub fn returns(stamp: [u32; 2], returns: &[[f32; 5]], big_endian: bool) -> Vec<u8> {
+    let mut cdr = Cdr::new(big_endian);
+    cdr.header(stamp).u32(returns.len() as u32);
+    for value in returns.iter().flatten() {
+        cdr.put(value.to_le_bytes());
+    }
+    cdr.finish()
+}
+
 /// Names of the fields of a cloud, as drivers of TI's radars send them.
 pub const FIELDS: [&str; 5] = ["x", "y", "z", "intensity", "velocity"];
 

@@ -500,6 +500,86 @@ fn tables_without_heights_or_velocities_are_read_with_a_warning() {
     assert_eq!(gap.frames[0].points.len(), 1);
 }
 
+/// A recorder that asks the clock for every point writes frames of many times.
+#[test]
+fn rows_with_a_time_each_are_joined_to_frames() {
+    let with = |name: &str, frame_step: f64, row_step: f64, start: f64| {
+        let mut text = format!("{name},x,y,z,velocity,snr\n");
+        for frame in 0..N_FRAMES {
+            for (row, [x, y, z, v, snr]) in points(frame).into_iter().enumerate() {
+                let time = start + frame as f64 * frame_step + row as f64 * row_step;
+                text += &format!("{time},{x},{y},{z},{v},{snr}\n");
+            }
+        }
+        read(&text)
+    };
+    for table in [
+        // Unix times in s, whose steps within frames no radar has; and numbers in which the steps are clear in any unit.
+        with("timestamp", 0.1, 0.0015, 1_734_343_200.0),
+        with("t_s", 0.1, 0.002, 0.0),
+        with("t", 100.0, 0.25, 0.0),
+    ] {
+        assert_whole(&table.frames, 1e-6);
+        assert!(
+            table.notes.iter().any(|n| n.contains("40 rows of at most")),
+            "{:?}",
+            table.notes
+        );
+        let timeline = Timeline::new(table.frames, None).unwrap();
+        assert!((timeline.frame_rate_hz - 10.0).abs() < 0.01);
+    }
+    let mut text = "timestamp,x,y,z,velocity,snr\n".to_owned();
+    for frame in 0..N_FRAMES {
+        for (row, [x, y, z, v, snr]) in points(frame).into_iter().enumerate() {
+            let us = 100_000 * frame + 25 * row;
+            let (seconds, us) = (us / 1_000_000, us % 1_000_000);
+            text += &format!("2024-12-16 10:00:{seconds:02}.{us:06},{x},{y},{z},{v},{snr}\n");
+        }
+    }
+    assert_whole(&read(&text).frames, 0.0);
+
+    // One point a frame, at steps of a frame, with pauses.
+    let mut text = "t_s,x,y,z,velocity,snr\n".to_owned();
+    for n in 0..60 {
+        let pause_s = f64::from(n / 20) * 2.0;
+        text += &format!("{},0.5,2,0,0.5,10\n", 0.05 * f64::from(n) + pause_s);
+    }
+    assert_eq!(read(&text).frames.len(), 60);
+}
+
+/// Stamps of whole seconds cannot tell frames apart that have numbers.
+#[test]
+fn a_clock_too_coarse_for_the_frames_is_an_error_that_states_their_rate() {
+    let text = rows(
+        "frame,timestamp,x,y,z,velocity,snr",
+        |n, [x, y, z, v, snr]| format!("{n},{},{x},{y},{z},{v},{snr}", n / 10),
+    );
+    let table = read(&text);
+    assert!(table.frames.iter().all(|f| f.stamp_s.is_none()));
+    let error = table.clock_error.unwrap().to_string();
+    assert!(
+        error.contains("one for several frames: their numbers grow by 19.00 in a unit of time"),
+        "{error}"
+    );
+}
+
+/// Comments before the header, and rows of zeros that fill up frames.
+#[test]
+fn comments_and_padding_are_left_out() {
+    let text = with_times("t_s", |n| (0.1 * n as f64).to_string());
+    let commented = format!("# radar IWR6843, lab 3\n#\n# x is to the right\n{text}");
+    assert_eq!(read(&commented).frames, read(&text).frames);
+    let detected = detect("log.csv", commented.as_bytes()).unwrap();
+    assert_eq!(detected.format, RecordingFormat::Csv);
+    let of_numpy = format!("# {text}");
+    assert_eq!(read(&of_numpy).frames, read(&text).frames);
+    let padded = format!("{text}2.0,0,0,0,0,0\n2.0,1,2,0,0.5,10\n2.0,0,0,0,0,0\n");
+    let table = read(&padded);
+    assert_eq!(table.frames.len(), N_FRAMES + 1);
+    assert_eq!(table.frames[N_FRAMES].points.len(), 1);
+    assert!(table.warnings[0].starts_with("2 rows with a point at the place of the radar"));
+}
+
 #[test]
 fn unknown_headers_are_named_with_what_they_lack() {
     let of = |name: &str, text: &str| detect(name, text.as_bytes()).unwrap_err();

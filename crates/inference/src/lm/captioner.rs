@@ -1,7 +1,7 @@
 //! The captioner: generates sentences from radar points.
 
 use std::collections::BTreeSet;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, RangeInclusive};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -14,7 +14,7 @@ use super::card::Learned;
 use super::consensus::WindowReadings;
 use super::ensemble::{EncodedWindow, Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
-use super::questions::{NOT_STATED, YES, holds};
+use super::questions::{NOT_STATED, YES, holds, holds_so_often};
 use super::templates::Task;
 use super::vocab::Vocab;
 use super::windows::{Captions, Plan, Span, WindowCaption, Windows, time_s};
@@ -505,7 +505,7 @@ impl Captioner {
             None => task == Task::RadarToText && instruction.prompt() == instruction.nearest(),
         };
         let answers = match (task, instruction.claim()) {
-            (_, Some(claim)) => self.checked(&seen, claim, options)?,
+            (_, Some(claim)) => self.checked(&seen, claim, instruction.counts(), options)?,
             (Task::RadarToLength, _) => lengths(&model.encode(&seen)?),
             _ if !self.ensemble.is_single() && is_of_all_members => {
                 self.stated_or_generated(&seen, instruction, options)?
@@ -619,15 +619,20 @@ impl Captioner {
         Ok(generated.into_iter().map(answer).collect())
     }
 
-    /// Whether a claim holds of windows, by the sentences that the model says about them.
+    /// Whether a claim holds of windows, and as often as it is asked for, by the sentences that the model says about them.
     fn checked(
         &self,
         windows: &[(&[PointFrame], f32)],
         claim: &Facts,
+        counts: Option<&RangeInclusive<u16>>,
         options: &DescribeOptions,
     ) -> Result<Vec<OwnAnswer>, LmError> {
+        let is_so = |motion: Facts| match counts {
+            Some(counts) => holds_so_often(claim, &motion, counts),
+            None => holds(claim, &[motion]),
+        };
         let answer = |sentence: Sentence| OwnAnswer {
-            text: match holds(claim, &[facts(&sentence.text)]) {
+            text: match is_so(facts(&sentence.text)) {
                 Some(true) => YES.into(),
                 Some(false) => NOT_STATED.into(),
                 None => NO_ANSWER.into(),

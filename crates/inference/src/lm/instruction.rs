@@ -6,9 +6,10 @@
 //! question whether somebody does something ("is she sitting down?") becomes a claim of what the lexicon reads in it.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::RangeInclusive;
 use std::sync::LazyLock;
 
-use radarllm_facts::{Facts, facts, write::Writer};
+use radarllm_facts::{Facts, facts, words::number, write::Writer};
 
 use super::InputError;
 use super::questions::{CLAIM, Question, question_of};
@@ -202,6 +203,28 @@ const NOT_HELD: &[&str] = &[
     "medicine",
     "tablets",
 ];
+/// Words by which a question asks for what does not happen; `t` is what is left of "didn't". No training had such questions, and
+/// the answer to the same one without them would be the opposite.
+const NEGATIONS: &[&str] = &[
+    "not", "t", "no", "nobody", "none", "noone", "never", "nothing", "neither", "nor", "without",
+    "fail", "fails", "failed", "cannot", "hardly",
+];
+/// Phrases before a number, and what they ask of a count: how much is added to the number, and whether it is the smallest or the
+/// largest one.
+const BOUNDS: &[(&str, i32, bool)] = &[
+    ("no fewer than", 0, true),
+    ("no less than", 0, true),
+    ("no more than", 0, false),
+    ("at least", 0, true),
+    ("at most", 0, false),
+    ("more than", 1, true),
+    ("over", 1, true),
+    ("fewer than", -1, false),
+    ("less than", -1, false),
+    ("up to", 0, false),
+];
+/// Phrases after a number.
+const BOUNDS_AFTER: &[(&str, bool)] = &[("or more", true), ("or fewer", false), ("or less", false)];
 const RADAR: &str = "{radar}";
 /// Minimum likeness to a template, as [`likeness`] measures it.
 const MIN_ALIKE: f32 = 0.25;
@@ -215,6 +238,7 @@ pub struct Instruction {
     task: Task,
     question: Option<Question>,
     claim: Option<Facts>,
+    counts: Option<RangeInclusive<u16>>,
     nearest: &'static str,
     likeness: f32,
 }
@@ -258,8 +282,21 @@ impl Instruction {
                  which way, with which side, how often, how fast, how long or in which order"
             ));
         }
+        let (plain, counts) = without_bounds(text);
+        let asked = words(&plain.replace("yes or no", " "));
+        let mut negations = NEGATIONS.iter().filter(|word| asked.contains(**word));
+        let is_question =
+            text.contains('?') || has_any(&asked, &QUESTION_WORDS) || has_any(&asked, &AUXILIARIES);
         if n_radar == 0
-            && let Some((claim, stated)) = claim_of(text)
+            && is_question
+            && let Some(word) = negations.next()
+        {
+            return refused(format!(
+                "`{word}`: questions for what does not happen are not followed; ask whether it happens (\"did somebody fall?\")"
+            ));
+        }
+        if n_radar == 0
+            && let Some((claim, stated)) = claim_of(&plain)
         {
             let nearest = Question::Claim.prompts()[0];
             return Ok(Self {
@@ -267,6 +304,7 @@ impl Instruction {
                 task: Task::Question,
                 question: Some(Question::Claim),
                 claim: Some(stated),
+                counts,
                 nearest,
                 likeness: likeness(&own, &words(&claim)),
             });
@@ -305,6 +343,7 @@ impl Instruction {
             task,
             question: question_of(nearest).filter(|_| task == Task::Question),
             claim: None,
+            counts: None,
             nearest,
             likeness,
         })
@@ -328,6 +367,12 @@ impl Instruction {
     /// What is claimed, if the question is whether something is so.
     pub fn claim(&self) -> Option<&Facts> {
         self.claim.as_ref()
+    }
+
+    /// How often it must happen for the answer to be yes, if the question names a smallest or a largest number ("at least three
+    /// squats?"). The claim has no number then.
+    pub fn counts(&self) -> Option<&RangeInclusive<u16>> {
+        self.counts.as_ref()
     }
 
     /// The most similar template.
@@ -355,14 +400,61 @@ fn claim_of(text: &str) -> Option<(String, Facts)> {
         return None;
     }
     let own = words(&lower);
-    let has = |list: &[&str]| list.iter().any(|word| own.contains(*word));
-    if has(&QUESTION_WORDS) || !(has(&AUXILIARIES) || has(&["whether", "true"])) {
+    let is_asked = has_any(&own, &AUXILIARIES) || has_any(&own, &["whether", "true"]);
+    if has_any(&own, &QUESTION_WORDS) || !is_asked {
         return None;
     }
     let stated = facts(&lower);
     stated.actions().next()?;
     let claim = Writer::new().write_fully(&stated, 0)?.text;
     Some((claim, stated))
+}
+
+fn has_any(own: &BTreeSet<String>, list: &[&str]) -> bool {
+    list.iter().any(|word| own.contains(*word))
+}
+
+/// A question without the smallest or largest number that it asks about, in lower case, and the numbers that are asked for; the
+/// text as it is if it asks about none.
+fn without_bounds(text: &str) -> (String, Option<RangeInclusive<u16>>) {
+    let lower = text.trim().to_lowercase();
+    let count = |word: &str| match word {
+        "once" => Some(1),
+        "twice" => Some(2),
+        "thrice" => Some(3),
+        word => word.parse().ok().or_else(|| number(word)),
+    };
+    let own: Vec<&str> = lower
+        .split(|c: char| !c.is_alphanumeric() && c != '{' && c != '}')
+        .filter(|word| !word.is_empty())
+        .collect();
+    let range = |n: i32, is_smallest: bool| {
+        let n = n.clamp(0, i32::from(u16::MAX)) as u16;
+        if is_smallest { n..=u16::MAX } else { 0..=n }
+    };
+    for at in 0..own.len() {
+        let starts = |phrase: &str, at: usize| {
+            let n = phrase.split(' ').count();
+            (own.get(at..at + n)? == phrase.split(' ').collect::<Vec<&str>>()).then_some(n)
+        };
+        let before = BOUNDS.iter().find_map(|(phrase, more, is_smallest)| {
+            let n = starts(phrase, at)?;
+            let number = count(own.get(at + n)?)?;
+            Some((at, n + 1, range(i32::from(number) + more, *is_smallest)))
+        });
+        let after = BOUNDS_AFTER.iter().find_map(|(phrase, is_smallest)| {
+            let number = count(own[at])?;
+            let n = 1 + usize::from(own.get(at + 1).is_some_and(|word| *word == "times"));
+            let n = n + starts(phrase, at + n)?;
+            Some((at, n, range(i32::from(number), *is_smallest)))
+        });
+        if let Some((start, n, range)) = before.or(after) {
+            let times = usize::from(own.get(start + n).is_some_and(|word| *word == "times"));
+            let rest = [&own[..start], &own[start + n + times..]].concat();
+            return (rest.join(" "), Some(range));
+        }
+    }
+    (text.to_string(), None)
 }
 
 /// What the words of an instruction tell that it asks for.
@@ -456,6 +548,58 @@ mod tests {
             let instruction = Instruction::parse(text).unwrap();
             assert_eq!(instruction.task(), Task::Question, "{text}");
             assert_ne!(instruction.question(), Some(Question::Claim), "{text}");
+        }
+    }
+
+    /// "Did nobody fall?" is not answered as "did somebody fall?".
+    #[test]
+    fn questions_for_what_does_not_happen_are_refused() {
+        for text in [
+            "Did nobody fall?",
+            "Did no one fall?",
+            "Was there no waving?",
+            "Did he fail to wave?",
+            "Didn't she fall?",
+            "Did she walk without turning?",
+            "Which hand does not move?",
+        ] {
+            let error = Instruction::parse(text).unwrap_err().to_string();
+            assert!(error.contains("what does not happen"), "{text}: {error}");
+        }
+        Instruction::parse("yes or no: did she fall?").unwrap();
+    }
+
+    #[test]
+    fn a_smallest_or_largest_number_is_asked_for() {
+        for (text, claim, counts) in [
+            (
+                "Are there at least three squats?",
+                "squat",
+                Some(3..=u16::MAX),
+            ),
+            (
+                "Did she squat more than twice?",
+                "squat",
+                Some(3..=u16::MAX),
+            ),
+            ("Did she squat fewer than five times?", "squat", Some(0..=4)),
+            ("Did she wave no more than 2 times?", "wave", Some(0..=2)),
+            (
+                "Did she squat three times or more?",
+                "squat",
+                Some(3..=u16::MAX),
+            ),
+            (
+                "Did she squat three or more times?",
+                "squat",
+                Some(3..=u16::MAX),
+            ),
+            ("Did she squat three times?", "squat x3", None),
+        ] {
+            let instruction = Instruction::parse(text).unwrap();
+            assert_eq!(instruction.counts(), counts.as_ref(), "{text}");
+            let asked = instruction.claim().unwrap().to_string();
+            assert!(asked.ends_with(claim), "{text}: {asked}");
         }
     }
 

@@ -3,10 +3,11 @@
 //! Instruction tuning asks them of clips whose captions state the answer, and of others, for which the answer is
 //! [`NOT_STATED`]: a model that was tuned so says when its tokens do not hold an answer.
 
-use std::sync::LazyLock;
+use std::{ops::RangeInclusive, sync::LazyLock};
 
 use radarllm_facts::{
-    Action, Count, Direction, Facts, Side, Tempo, attach, parse, words::number_word,
+    Action, Count, Direction, Facts, Side, Tempo, attach, parse, score::is_same_action,
+    words::number_word,
 };
 
 /// What the model writes if the captions of such a motion state no answer.
@@ -147,6 +148,29 @@ pub fn holds(claim: &Facts, motion: &[Facts]) -> Option<bool> {
             .iter()
             .all(|found| *found == Some(false))
             .then_some(false),
+    }
+}
+
+/// Whether a claim holds of a motion as often as it is asked for, by a sentence about the motion; `None` if the sentence does not
+/// say how often.
+pub(super) fn holds_so_often(
+    claim: &Facts,
+    motion: &Facts,
+    counts: &RangeInclusive<u16>,
+) -> Option<bool> {
+    if !holds(claim, std::slice::from_ref(motion))? {
+        return Some(counts.contains(&0));
+    }
+    let asked = claim.actions().next()?;
+    let mut done = motion
+        .actions()
+        .filter(|done| is_same_action(asked.name, done.name));
+    match done.next()?.count? {
+        Count::Exactly(n) => Some(counts.contains(&n)),
+        // More than once, and nothing else is known.
+        Count::Many if *counts.start() <= 2 && *counts.end() == u16::MAX => Some(true),
+        Count::Many if *counts.end() <= 1 => Some(false),
+        Count::Many => None,
     }
 }
 
@@ -344,6 +368,30 @@ mod tests {
         assert_eq!(asked("a person jumps"), Some(false));
         // The first caption says nothing about the side.
         assert_eq!(asked("a person waves with the right hand"), None);
+    }
+
+    #[test]
+    fn a_claim_with_a_smallest_or_largest_number_is_compared_with_the_sentence() {
+        let squats = facts("a person squats four times");
+        let claim = facts("a person squats");
+        for (counts, expected) in [
+            (3..=u16::MAX, Some(true)),
+            (5..=u16::MAX, Some(false)),
+            (0..=4, Some(true)),
+            (0..=3, Some(false)),
+        ] {
+            assert_eq!(holds_so_often(&claim, &squats, &counts), expected);
+        }
+        let waves = facts("a person waves");
+        assert_eq!(holds_so_often(&claim, &waves, &(0..=2)), Some(true));
+        assert_eq!(holds_so_often(&claim, &waves, &(1..=u16::MAX)), Some(false));
+        assert_eq!(
+            holds_so_often(&facts("a person waves"), &waves, &(0..=2)),
+            None
+        );
+        let many = facts("a person squats many times");
+        assert_eq!(holds_so_often(&claim, &many, &(2..=u16::MAX)), Some(true));
+        assert_eq!(holds_so_often(&claim, &many, &(5..=u16::MAX)), None);
     }
 
     #[test]

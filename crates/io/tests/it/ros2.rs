@@ -212,6 +212,63 @@ mod with_feature {
         }
     }
 
+    /// Frames of returns, as drivers of other radars send them; the azimuth grows to the left.
+    #[test]
+    fn frames_of_returns_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("returns.db3");
+        for big_endian in [false, true] {
+            let messages: Vec<Message> = (0..N_FRAMES)
+                .map(|n| {
+                    let returns: Vec<[f32; 5]> = points(n)
+                        .into_iter()
+                        .map(|point| {
+                            let [x, y, z, intensity_db, velocity_mps] =
+                                [0, 1, 2, 3, 4].map(|at| point[at]);
+                            let range_m = x.hypot(y).hypot(z);
+                            [
+                                range_m,
+                                y.atan2(x),
+                                (z / range_m).asin(),
+                                velocity_mps,
+                                intensity_db,
+                            ]
+                            .map(|value| value as f32)
+                        })
+                        .collect();
+                    let data = make_ros2::returns(stamp(n), &returns, big_endian);
+                    (0, time_ns(n) + 3_000_000, data)
+                })
+                .collect();
+            let _ = fs::remove_file(&path);
+            write_db3(
+                &path,
+                &[("/radar", "radar_msgs/msg/RadarScan", "cdr")],
+                &messages,
+            );
+            let recording = read(&path).unwrap();
+            assert_eq!(recording.clip.frames.len(), N_FRAMES as usize);
+            for (n, frame) in recording.clip.frames.iter().enumerate() {
+                for (p, expected) in frame.points.iter().zip(points(n as u32)) {
+                    let found = [p.y_m, -p.x_m, p.z_m, p.intensity_db, p.velocity_mps];
+                    for (found, expected) in found.into_iter().zip(expected) {
+                        assert!((f64::from(found) - expected).abs() < 1e-5, "{n}: {p:?}");
+                    }
+                }
+            }
+            let cut = messages[0].2.len() - 3;
+            let short = vec![(0, time_ns(0), messages[0].2[..cut].to_vec())];
+            let _ = fs::remove_file(&path);
+            write_db3(
+                &path,
+                &[("/radar", "radar_msgs/msg/RadarScan", "cdr")],
+                &short,
+            );
+            let error = read(&path).unwrap_err().to_string();
+            assert!(error.contains("a whole message"), "{error}");
+        }
+    }
+
     /// `ros2 bag record --compression-mode file` compresses every file as a whole.
     #[test]
     fn files_that_are_compressed_as_a_whole_are_read() {

@@ -8,7 +8,7 @@ use radarllm_radar_sim::link::Link;
 use radarllm_radar_sim::shapes::RigidSurface;
 use radarllm_radar_sim::{FrameStats, Scene, SimOptions, Simulator};
 
-use crate::common::{monostatic, rcs_m2, surfaces};
+use crate::common::{far_field, rcs_m2, surfaces};
 
 const ROUGH: Material = Material {
     power_reflection: 0.0,
@@ -34,7 +34,7 @@ fn frame(config: &RadarConfig, scene: &Scene<'_>, max_bounces: usize) -> (RadarC
 /// sqrt(2) sin(45 deg - |phi|), and its square with it.
 #[test]
 fn dihedral_needs_the_second_bounce() {
-    let config = monostatic();
+    let config = far_field();
     let lambda = config.wavelength_m();
     // 4 cm wings at 20 m: curvature over the 5.7 cm aperture is 0.067 rad at its ends.
     let (side, range) = (0.04_f64, 20.0);
@@ -68,7 +68,7 @@ fn dihedral_needs_the_second_bounce() {
 /// 4 pi a^4 / (3 lambda^2): the third bounce makes it.
 #[test]
 fn trihedral_needs_the_third_bounce() {
-    let config = monostatic();
+    let config = far_field();
     let lambda = config.wavelength_m();
     let (leg, range) = (0.06_f64, 20.0);
     let centre = Link::new(&config).array_centre_m;
@@ -153,6 +153,39 @@ fn a_wall_makes_ghosts_where_the_image_stands() {
         "{db:?} {expected_far}"
     );
     assert!(db[3] < db[2] - 15.0, "{db:?}");
+}
+
+/// A path over two surfaces that is longer than twice the maximum range is not received, though each of both is.
+#[test]
+fn paths_longer_than_twice_the_maximum_range_are_left_out() {
+    // Every second sample: the maximum range is 5.495 m.
+    let whole = RadarConfig {
+        n_loops: 1,
+        ..RadarConfig::awr1843boost()
+    };
+    let half = RadarConfig {
+        n_samples: whole.n_samples / 2,
+        sample_rate_hz: whole.sample_rate_hz / 2.0,
+        ..whole.clone()
+    };
+    let ball = RigidSurface::sphere(0.05, 0.02)
+        .at(DVec3::new(-0.8, 4.0, 0.0))
+        .of(ROUGH);
+    // The ball's image is at (4.0, 4.0), 5.66 m away, and the ball 4.08 m: one way over the wall makes half a path of
+    // 4.87 m, both ways of 5.66 m.
+    let wall = RigidSurface::plate(6.0, 3.0, 0.1)
+        .at(DVec3::new(1.6, 3.0, 0.0))
+        .turned(DQuat::from_rotation_z(-PI / 2.0));
+    let solids = [ball, wall];
+    let shapes: Vec<&dyn MovingSurface> = solids.iter().map(|s| s as &dyn MovingSurface).collect();
+    let n_bounces = |config: &RadarConfig| frame(config, &surfaces(&shapes), 2).1.n_bounces;
+    let (all, received) = (n_bounces(&whole), n_bounces(&half));
+    // Of the three paths of a facet (out, back, both) the third is missing; a facet that is not seen directly has no
+    // other.
+    assert!(
+        received > 0 && 3 * received <= 2 * all,
+        "{received} of {all}"
+    );
 }
 
 /// |sum of windowed samples at a range's beat frequency|^2.

@@ -43,6 +43,17 @@ pub fn monostatic() -> RadarConfig {
     }
 }
 
+/// The same with eight times as many samples in the same window, and so eight times the maximum range, 88 m, for targets
+/// in the far field.
+pub fn far_field() -> RadarConfig {
+    let near = monostatic();
+    RadarConfig {
+        n_samples: 8 * near.n_samples,
+        sample_rate_hz: 8.0 * near.sample_rate_hz,
+        ..near
+    }
+}
+
 /// Cross section from the sample at the ADC centre, where the model's wavelength is exact, m^2.
 pub fn rcs_m2(config: &RadarConfig, cube: &RadarCube, range_m: f64) -> f64 {
     let amplitude = f64::from(cube.chirp(0, 0, 0)[config.n_samples / 2].norm());

@@ -15,7 +15,7 @@ use radarllm_radar_sim::link::Link;
 use radarllm_radar_sim::shapes::RigidSurface;
 use radarllm_radar_sim::{SimOptions, Simulator};
 
-use crate::common::{frame, monostatic, rcs_m2, short, surface};
+use crate::common::{far_field, frame, monostatic, rcs_m2, short, surface};
 
 /// Most that flat facets change a smooth surface's field, relative to the specular echo.
 fn facet_ripple(config: &RadarConfig, edge_m: f64, radius_m: f64) -> f64 {
@@ -43,7 +43,7 @@ fn measured(config: &RadarConfig, shape: &RigidSurface, range_m: f64) -> f64 {
 
 #[test]
 fn plate_at_normal_incidence_and_against_angle() {
-    let config = monostatic();
+    let config = far_field();
     let lambda = config.wavelength_m();
     let (side, range) = (0.05_f64, 60.0);
     let fill = null_fill(&config, side, range);
@@ -155,7 +155,7 @@ fn specular_points_in_the_near_field() {
 /// k a L^2 broadside; tilted by theta, k a L^2 cos(theta) sinc^2(k L sin(theta)).
 #[test]
 fn cylinder_broadside_and_tilted() {
-    let config = monostatic();
+    let config = far_field();
     let k = TAU / config.wavelength_m();
     let (radius, length, edge, range) = (0.02, 0.05_f64, 0.0005, 60.0);
     let fill = null_fill(&config, length, range);

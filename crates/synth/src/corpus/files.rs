@@ -6,8 +6,8 @@
 //! folder.
 //!
 //! Parts that cannot be used are skipped and named in the manifest: files that are missing or broken, parts without a
-//! sentence or with an unknown split, parts that are too short, that occur twice, in which nobody moves although the
-//! sentence says that a person walks, or whose walk shows a wrong frame rate.
+//! sentence or with an unknown split, parts that are not inside the motion, that are too short, that occur twice, in which
+//! nobody moves although the sentence says that a person walks, or whose walk shows a wrong frame rate.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -33,6 +33,8 @@ use super::{Corpus, CorpusError, CorpusItem, files_below};
 const MAX_TEXT_BYTES: u64 = 256 << 20;
 /// Shortest part of a motion, s.
 const SHORTEST_S: f64 = 1.0;
+/// Time by which the end of a part may be after the end of the motion, s: times are written with one decimal place.
+const END_TOLERANCE_S: f64 = 0.1;
 /// Who walks or runs moves by at least this distance, m.
 const MIN_WAY_M: f32 = 0.3;
 /// Standing heights of people, m.
@@ -53,6 +55,9 @@ pub struct FilesConfig {
     /// Attribution, for the manifest.
     #[serde(default)]
     pub attribution: String,
+    /// Whether walks and runs are kept whose steps show a wrong frame rate.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub any_frame_rate: bool,
 }
 
 /// A line of the file with sentences.
@@ -70,7 +75,7 @@ pub struct CaptionLine {
     pub action: Option<String>,
     /// `train`, `val` or `test`; drawn by group, eight to one to one, if omitted.
     pub split: Option<String>,
-    /// Group, all of which is in one split; the file's folder if omitted.
+    /// Group, all of which is in one split; the file's folder if omitted, or the name of a file in the top folder.
     pub group: Option<String>,
     /// Start of the part, s after the skipped frames.
     pub start_s: Option<f64>,
@@ -87,6 +92,9 @@ pub struct CaptionLine {
     /// Angle by which the path, which must be straight, is bent in its middle, degrees; positive is to the left. The
     /// sentences are those about the bent path.
     pub bend_deg: Option<f64>,
+    /// Whether [`Self::end_s`] may be after the end of the motion, as some times of HumanML3D are.
+    #[serde(skip)]
+    pub may_end_early: bool,
 }
 
 /// Terms of a source of motions.
@@ -100,6 +108,8 @@ pub(super) struct Terms {
     pub attribution: String,
     /// Whether one part of a motion may occur with several ids.
     pub may_repeat: bool,
+    /// As [`FilesConfig::any_frame_rate`].
+    pub any_frame_rate: bool,
 }
 
 /// Motion files with sentences.
@@ -129,6 +139,7 @@ impl MotionFiles {
             licence: config.licence.clone(),
             attribution: config.attribution.clone(),
             may_repeat: false,
+            any_frame_rate: config.any_frame_rate,
         };
         Self::from_lines(terms, &captions, folder, lines, skipped)
     }
@@ -144,7 +155,7 @@ impl MotionFiles {
         let checked: Vec<Result<(CorpusItem, u64), FailedItem>> = lines
             .par_iter()
             .map(|line| {
-                checked(&folder, line).map_err(|reason| FailedItem {
+                checked(&folder, line, terms.any_frame_rate).map_err(|reason| FailedItem {
                     id: id_of(line),
                     reason,
                 })
@@ -230,7 +241,11 @@ impl Corpus for MotionFiles {
 }
 
 /// The item of a line and a hash of its motion, or why it is skipped.
-fn checked(folder: &Path, line: &CaptionLine) -> Result<(CorpusItem, u64), String> {
+fn checked(
+    folder: &Path,
+    line: &CaptionLine,
+    any_frame_rate: bool,
+) -> Result<(CorpusItem, u64), String> {
     let captions: Vec<String> = line
         .captions
         .iter()
@@ -244,7 +259,7 @@ fn checked(folder: &Path, line: &CaptionLine) -> Result<(CorpusItem, u64), Strin
         Some(group) => group.clone(),
         None => match line.file.rsplit_once('/') {
             Some((folder, _)) => folder.into(),
-            None => id_of(line),
+            None => stem(&line.file).into(),
         },
     };
     let split = match &line.split {
@@ -280,6 +295,7 @@ fn checked(folder: &Path, line: &CaptionLine) -> Result<(CorpusItem, u64), Strin
         ));
     }
     if let [only @ ("walk" | "run" | "pace")] = actions[..]
+        && !any_frame_rate
         && let Some(problem) = Gait::of(&motion).and_then(|gait| gait.problem())
     {
         return Err(format!("`{first}` states `{only}`, but {problem}"));
@@ -327,11 +343,22 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
     }
     let skipped_s = line.skip_frames as f64 / motion.fps;
     let last_s = motion.duration_s();
+    let own_s = last_s - skipped_s;
+    let max_s = match line.may_end_early {
+        true => f64::INFINITY,
+        false => own_s + END_TOLERANCE_S,
+    };
+    if let Some(end_s) = end_s
+        && !(start_s < end_s && end_s <= max_s)
+    {
+        return Err(format!(
+            "the part from {start_s} s to {end_s} s is not inside the motion of {own_s:.1} s"
+        ));
+    }
     let end_s = end_s.map_or(last_s, |end_s| (end_s + skipped_s).min(last_s));
     if !(start_s >= 0.0 && start_s + skipped_s < end_s) {
         return Err(format!(
-            "the part from {start_s} s is not inside the motion of {:.1} s",
-            last_s - skipped_s
+            "the part from {start_s} s is not inside the motion of {own_s:.1} s"
         ));
     }
     let mut motion = crop(&motion, start_s + skipped_s, end_s);
@@ -363,14 +390,16 @@ fn id_of(line: &CaptionLine) -> String {
     if let Some(id) = &line.id {
         return id.clone();
     }
-    let stem = match line.file.rsplit_once('.') {
-        Some((stem, _)) => stem,
-        None => &line.file,
-    };
+    let stem = stem(&line.file);
     match line.start_s {
         Some(start_s) if start_s > 0.0 => format!("{stem}@{start_s}"),
         _ => stem.into(),
     }
+}
+
+/// A file's path without its extension.
+fn stem(file: &str) -> &str {
+    file.rsplit_once('.').map_or(file, |(stem, _)| stem)
 }
 
 /// Motion files that no line names.
@@ -435,6 +464,7 @@ fn read_texts(texts: &Path, folder: &Path) -> Result<Vec<CaptionLine>, CorpusErr
                 id: Some(id.into()),
                 group: Some(id.trim_start_matches('M').into()),
                 split: Some(split.name().into()),
+                may_end_early: true,
                 ..CaptionLine::default()
             };
             let mut parts: Vec<CaptionLine> = vec![whole];
@@ -496,10 +526,15 @@ fn humanml3d_line(line: &str) -> Option<(String, [f64; 2])> {
 }
 
 pub(super) fn text_of(path: &Path) -> Result<String, CorpusError> {
-    read_text(path, MAX_TEXT_BYTES).map_err(|e| CorpusError::Format {
+    let text = read_text(path, MAX_TEXT_BYTES).map_err(|e| CorpusError::Format {
         path: path.display().to_string(),
         line: 0,
         problem: e.to_string(),
+    })?;
+    // Some editors write a byte order mark.
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(text) => text.into(),
+        None => text,
     })
 }
 
@@ -559,6 +594,7 @@ pub(super) mod tests {
             captions: "captions.jsonl".into(),
             licence: "own".into(),
             attribution: String::new(),
+            any_frame_rate: false,
         }
     }
 
@@ -636,6 +672,78 @@ pub(super) mod tests {
             );
         }
         assert_eq!(skipped.len(), 10);
+    }
+
+    #[test]
+    fn parts_and_mirror_images_of_a_file_are_in_one_split() {
+        let line = |i: usize| {
+            let (start_s, mirror) = (0.1 * i as f64, i % 2 == 1);
+            format!(
+                r#"{{"file": "a.bvh", "captions": ["a person walks"], "id": "p{i}", "start_s": {start_s}, "mirror": {mirror}}}"#
+            )
+        };
+        let mut lines: Vec<String> = (0..24).map(line).collect();
+        lines.push(r#"{"file": "b.bvh", "captions": ["a person walks"]}"#.into());
+        lines.push(r#"{"file": "c/d.bvh", "captions": ["a person walks"]}"#.into());
+        let dir = folder(&[
+            ("captions.jsonl", lines.join("\n")),
+            ("a.bvh", bvh(60, 5.0)),
+            ("b.bvh", bvh(60, 4.0)),
+            ("c/d.bvh", bvh(60, 3.0)),
+        ]);
+        let corpus = MotionFiles::open(&config(), dir.path()).unwrap();
+        let (parts, others) = corpus.items().split_at(24);
+        assert!(
+            parts
+                .iter()
+                .all(|i| i.group == "a" && i.split == parts[0].split)
+        );
+        let groups: Vec<&str> = others.iter().map(|i| i.group.as_str()).collect();
+        assert_eq!(groups, ["b", "c"]);
+    }
+
+    #[test]
+    fn parts_that_end_after_the_motion_are_named() {
+        let lines = [
+            r#"{"file": "a.bvh", "captions": ["a person walks"], "id": "late", "start_s": 2, "end_s": 50}"#,
+            r#"{"file": "a.bvh", "captions": ["a person walks"], "id": "never", "start_s": 7}"#,
+            r#"{"file": "a.bvh", "captions": ["a person walks"], "id": "back", "start_s": 3, "end_s": 2}"#,
+            r#"{"file": "a.bvh", "captions": ["a person walks"], "id": "skipped", "end_s": 6, "skip_frames": 10}"#,
+            r#"{"file": "a.bvh", "captions": ["a person walks"], "id": "rounded", "end_s": 6.05}"#,
+        ];
+        // With a byte order mark.
+        let dir = folder(&[
+            ("captions.jsonl", format!("\u{feff}{}", lines.join("\n"))),
+            ("a.bvh", bvh(60, 5.0)),
+        ]);
+        let corpus = MotionFiles::open(&config(), dir.path()).unwrap();
+        let ids: Vec<&str> = corpus
+            .items()
+            .iter()
+            .map(|i| i.motion_id.as_str())
+            .collect();
+        assert_eq!(ids, ["rounded"]);
+        for (id, reason) in [
+            (
+                "late",
+                "the part from 2 s to 50 s is not inside the motion of 6.0 s",
+            ),
+            (
+                "never",
+                "the part from 7 s is not inside the motion of 6.0 s",
+            ),
+            (
+                "back",
+                "the part from 3 s to 2 s is not inside the motion of 6.0 s",
+            ),
+            (
+                "skipped",
+                "the part from 0 s to 6 s is not inside the motion of 5.0 s",
+            ),
+        ] {
+            let found = corpus.skipped().iter().find(|s| s.id == id);
+            assert_eq!(found.map(|s| s.reason.as_str()), Some(reason));
+        }
     }
 
     #[test]

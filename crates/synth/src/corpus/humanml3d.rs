@@ -162,6 +162,7 @@ pub fn open(config: &HumanMl3dConfig, base: &Path) -> Result<MotionFiles, Corpus
         attribution: config.attribution.clone(),
         // Two parts of the data set may be one motion with different sentences.
         may_repeat: true,
+        any_frame_rate: false,
     };
     MotionFiles::from_lines(terms, &folder, PathBuf::new(), lines, missing)
 }
@@ -199,6 +200,7 @@ fn caption_lines(part: &Part, file: &MotionFile) -> Vec<CaptionLine> {
             fps: file.fps,
             skip_frames: file.skip_frames,
             mirror: part.is_mirrored,
+            may_end_early: true,
             ..CaptionLine::default()
         };
         lines.push((range.0, range.1, line));

@@ -6,7 +6,7 @@ use radarllm_base::Clutter;
 use radarllm_io::{TiFirmware, open_radar, open_radar_text};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_synth::{
-    Method, SimulateOptions, Synthesizer,
+    Method, SimulateOptions, Simulation, Synthesizer,
     objects::ObjectsFile,
     scene::{OwnedScene, SceneFile},
     simulate_cubes, simulate_motion,
@@ -55,6 +55,76 @@ fn a_scene_is_simulated_by_the_same_call() {
     fs::write(&path, "duration_s = 0.3\ntarget = 1\n").unwrap();
     let error = simulate_motion(&path.to_string_lossy(), &radar, &options).unwrap_err();
     assert!(error.to_string().contains("scene.toml"), "{error}");
+}
+
+#[test]
+fn a_scene_has_the_height_of_its_room_and_refuses_options_of_motions() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.toml");
+    let radar = open_radar("awr1843boost").unwrap().into_config().unwrap();
+    let simulate =
+        |options: SimulateOptions| simulate_motion(&path.to_string_lossy(), &radar, &options);
+    let height_m = |radar_height_m| SimulateOptions {
+        radar_height_m,
+        ..SimulateOptions::default()
+    };
+    fs::write(&path, SCENE).unwrap();
+    assert_eq!(simulate(height_m(0.7)).unwrap().clip.radar_height_m, 0.7);
+    let room = "[room]\nradar_height_m = 1.8\nfacet_edge_m = 0.5\n";
+    fs::write(&path, format!("max_bounces = 1\n{SCENE}{room}")).unwrap();
+    for options in [SimulateOptions::default(), height_m(1.8)] {
+        assert_eq!(simulate(options).unwrap().clip.radar_height_m, 1.8);
+    }
+    let body = SimulateOptions {
+        body: Some("no-such-body.npz".into()),
+        ..SimulateOptions::default()
+    };
+    let distance = SimulateOptions {
+        distance_m: 2.0,
+        ..SimulateOptions::default()
+    };
+    let cfg = open_radar_text(Path::new("demo.cfg"), CFG).unwrap();
+    let firmware = SimulateOptions {
+        firmware: Some(TiFirmware::from_name("out-of-box", &cfg).unwrap()),
+        ..SimulateOptions::default()
+    };
+    for (options, words) in [
+        (height_m(0.7), &["1.8 m", "`radar_height_m` is 0.7 m"][..]),
+        (body, &["`body`"]),
+        (distance, &["`distance_m`"]),
+        (firmware, &["`firmware`", "[processing]"]),
+    ] {
+        let error = simulate(options).unwrap_err().to_string();
+        assert!(error.contains("scene.toml"), "{error}");
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    }
+}
+
+#[test]
+fn a_person_is_at_the_distance_that_was_asked_for_or_refused() {
+    // Its maximum range is 10.99 m.
+    let radar = open_radar("awr1843boost").unwrap().into_config().unwrap();
+    let open = |input: &str, distance_m: f32| {
+        let options = SimulateOptions {
+            distance_m,
+            ..SimulateOptions::default()
+        };
+        Simulation::open(input, &radar, &options)
+    };
+    for distance_m in [0.0, 1.2, 11.0, 200.0, f32::NAN] {
+        let error = open("builtin:walk", distance_m).err().unwrap().to_string();
+        let words = ["`distance_m`", "1.3 m", "10.99 m"];
+        assert!(words.iter().all(|word| error.contains(word)), "{error}");
+    }
+    let far = open("builtin:walk?distance_m=1", 9.0).unwrap();
+    assert_eq!((far.moved_to_m(), far.frames_beyond_range()), (None, 0));
+    let farther = open("builtin:walk?distance_m=1", 10.9).unwrap();
+    let n_beyond = farther.frames_beyond_range();
+    assert!(n_beyond > 0 && n_beyond <= farther.n_frames());
+    // The near end of a path of about 4 m is at 1.3 m.
+    let near = open("builtin:walk?distance_m=4", 1.5).unwrap();
+    let moved_to_m = near.moved_to_m().unwrap();
+    assert!((3.0..3.6).contains(&moved_to_m), "{moved_to_m}");
 }
 
 #[test]

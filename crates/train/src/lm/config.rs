@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::examples::LmStageKind;
 use crate::adamw::AdamWConfig;
 use crate::harness::{LoopConfig, TrainError};
+use crate::loop_config::{check_count, check_weight};
 
 /// One weight for each task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -316,12 +317,7 @@ impl LmTrainConfig {
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), TrainError> {
         self.run.validate()?;
-        let fail = |field: &str, problem: &str| {
-            Err(TrainError::Config {
-                field: field.into(),
-                problem: problem.into(),
-            })
-        };
+        let fail = |field: &str, problem: &str| Err(TrainError::config(field, problem));
         if self.hf_folder.is_none() {
             self.backbone.config(self.preset, 1, 1)?;
         }
@@ -360,9 +356,7 @@ impl LmTrainConfig {
         if self.context && self.hf_folder.is_some() {
             return fail("context", "is no choice for a pretrained network");
         }
-        if self.batch == 0 || self.batch > 65_536 {
-            return fail("batch", "must be in 1..=65536");
-        }
+        check_count("batch", self.batch, 65_536)?;
         if self.samples_per_clip > 10_000 {
             return fail("samples_per_clip", "must be at most 10000");
         }
@@ -391,9 +385,7 @@ impl LmTrainConfig {
         if !(self.mask_span >= 1.0 && self.mask_span.is_finite()) {
             return fail("mask_span", "must be at least 1");
         }
-        if !(self.contrastive_weight >= 0.0 && self.contrastive_weight.is_finite()) {
-            return fail("contrastive_weight", "must be finite and not negative");
-        }
+        check_weight("contrastive_weight", self.contrastive_weight)?;
         if self.contrastive_weight > 0.0 && self.backbone != Backbone::T5 {
             let problem = "needs an encoder that reads codes and captions alike, which only t5 has";
             return fail("contrastive_weight", problem);
@@ -401,9 +393,7 @@ impl LmTrainConfig {
         if !(self.contrastive_temperature > 0.0 && self.contrastive_temperature <= 100.0) {
             return fail("contrastive_temperature", "must be above 0 and at most 100");
         }
-        if !(self.feature_noise >= 0.0 && self.feature_noise.is_finite()) {
-            return fail("feature_noise", "must be finite and not negative");
-        }
+        check_weight("feature_noise", self.feature_noise)?;
         for (field, weights) in [("sampling", &self.sampling), ("lambda", &self.lambda)] {
             let all = Task::INSTRUCTION.into_iter().chain(Task::PRETRAINING);
             if !all

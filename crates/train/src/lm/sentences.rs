@@ -7,7 +7,7 @@ use radarllm_files::bounded;
 use crate::harness::TrainError;
 
 /// Most bytes of a file of sentences; all sentences of HumanML3D have 3 MB.
-const MAX_BYTES: u64 = 1 << 28;
+pub(crate) const MAX_SENTENCES_BYTES: u64 = 1 << 28;
 
 /// Reads files of sentences: UTF-8 text with a sentence on each line. Empty lines are left out.
 ///
@@ -38,7 +38,8 @@ pub fn read_sentences(files: &[PathBuf]) -> Result<Vec<String>, TrainError> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TrainError> {
-    bounded::read_bytes(path, MAX_BYTES).map_err(|e| problem(path, e.into_io().to_string()))
+    bounded::read_bytes(path, MAX_SENTENCES_BYTES)
+        .map_err(|e| problem(path, e.into_io().to_string()))
 }
 
 fn problem(path: &Path, problem: String) -> TrainError {

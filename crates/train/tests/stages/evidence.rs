@@ -127,5 +127,64 @@ fn clips_that_state_nothing_are_refused() {
         ..EvidenceTrainConfig::default()
     };
     let error = evidence::train(&config, &silent, 0, &[], &dir, false).err();
-    assert!(matches!(error, Some(TrainError::NoData(_))), "{error:?}");
+    let refused = matches!(error, Some(TrainError::TooFewClips { found: 0, .. }));
+    assert!(refused, "{error:?}");
+    assert!(!dir.exists());
+}
+
+/// Known from the captions, before any stage of a recipe trains.
+#[test]
+fn too_few_clips_are_refused_with_their_number() {
+    let refused = |clips: &[ClipRecord]| {
+        let error = evidence::check_captions(clips, 0).unwrap_err();
+        assert!(error.hint().unwrap().to_string().contains("[evidence]"));
+        error.to_string()
+    };
+    // 18 punches and 9 walks.
+    let error = refused(&clips(0..27));
+    for part in [
+        "[evidence]",
+        "no action",
+        "20 training clips",
+        "number is 18",
+    ] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let mut walks = clips(0..90);
+    walks.retain(|clip| clip.captions[0].contains("walks"));
+    let error = refused(&walks);
+    for part in ["no side of an action", "number is 0"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    evidence::check_captions(&clips(0..30), 0).unwrap();
+}
+
+#[test]
+fn settings_out_of_range_are_named_with_their_values() {
+    let refused = |edit: fn(&mut EvidenceTrainConfig)| {
+        let mut config = EvidenceTrainConfig::default();
+        config.validate().unwrap();
+        edit(&mut config);
+        config.validate().unwrap_err().to_string()
+    };
+    for (error, expected) in [
+        (
+            refused(|c| c.batch_size = 0),
+            "batch_size: must be in 1..=4096, found 0",
+        ),
+        (
+            refused(|c| c.hidden = [384, 5000]),
+            "hidden: must be in 1..=4096, found 5000",
+        ),
+        (
+            refused(|c| c.noise = -1.0),
+            "noise: must be finite and not negative, found -1",
+        ),
+        (
+            refused(|c| c.dropped = 1.0),
+            "dropped: must be at least 0 and below 1, found 1",
+        ),
+    ] {
+        assert_eq!(error, expected);
+    }
 }

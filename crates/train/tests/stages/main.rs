@@ -328,6 +328,7 @@ fn resumed_runs_equal_uninterrupted_ones_bit_for_bit() {
     let again = dir.join("again");
     killed_after(&whole, "step-00000004", &again);
     tokenizer::train(&config, &clips, &clips, Some(&teacher), &again, true).unwrap();
+    assert!(!again.join("step-00000099.tmp").exists());
     assert_eq!(
         all_tensors(&whole.join("step-00000010")),
         all_tensors(&again.join("step-00000010"))
@@ -354,8 +355,52 @@ fn resumed_runs_equal_uninterrupted_ones_bit_for_bit() {
     };
     let err = motion::train(&other, &clips, &clips, &whole, true).unwrap_err();
     assert!(matches!(err, TrainError::ResumeMismatch { .. }), "{err}");
+    let hint = err.hint().unwrap().to_string();
+    assert!(hint.contains(&whole.display().to_string()), "{hint}");
+    for part in ["`training.commit_weight` is 0.02", "and 0.5"] {
+        assert!(err.to_string().contains(part), "{part}: {err}");
+    }
     let err = motion::train(&config, &clips, &clips, &dir.join("none"), true).unwrap_err();
     assert!(matches!(err, TrainError::NothingToResume { .. }), "{err}");
+    fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn a_run_is_resumed_with_what_it_learned_from() {
+    let dir = scratch("inputs");
+    let clips = synthetic::clips(2, 8, 4);
+    let mut config = tiny_motion(30);
+    let train = |config: &MotionTrainConfig, resume| {
+        motion::train(config, &clips, &clips, &dir, resume).map(|outcome| outcome.steps)
+    };
+    config.run.inputs.insert("data".into(), "0a".into());
+    assert_eq!(train(&config, false).unwrap(), 30);
+    assert_eq!(train(&config, true).unwrap(), 30);
+    config.run.inputs.insert("data".into(), "0b".into());
+    let err = train(&config, true).unwrap_err();
+    assert!(matches!(err, TrainError::ResumeMismatch { .. }), "{err}");
+    assert!(
+        err.to_string()
+            .contains("`data` had the hash 0a, and has 0b"),
+        "{err}"
+    );
+    fs::remove_dir_all(dir).unwrap();
+}
+
+/// A process that ended between the two renames of a checkpoint left it under its other name.
+#[test]
+fn a_checkpoint_that_was_being_replaced_is_resumed() {
+    let dir = scratch("replaced");
+    let clips = synthetic::clips(2, 8, 4);
+    let config = tiny_motion(30);
+    motion::train(&config, &clips, &clips, &dir, false).unwrap();
+    let last = dir.join("step-00000030");
+    let weights = all_tensors(&last);
+    fs::rename(&last, dir.join("step-00000030.old")).unwrap();
+    let outcome = motion::train(&config, &clips, &clips, &dir, true).unwrap();
+    assert_eq!(outcome.steps, 30);
+    assert_eq!(all_tensors(&last), weights);
+    assert!(!dir.join("step-00000030.old").exists());
     fs::remove_dir_all(dir).unwrap();
 }
 

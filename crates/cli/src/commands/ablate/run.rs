@@ -1,8 +1,12 @@
 //! `ablate`: trains and evaluates a grid of modified recipes. This module contains the training. The crate `eval`,
 //! which needs no learning framework, creates the tables.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
+use radarllm_dataset::Split;
 use radarllm_eval::{
     ablation::{Grid, GridTable, TableReport, markdown},
     captions::EvaluationOptions,
@@ -25,6 +29,8 @@ use crate::{
 /// A grid with the trainings that it needs.
 pub(crate) struct PlannedGrid {
     grid: Grid,
+    /// Folder of the grid's file, to which its paths are relative.
+    base: PathBuf,
     /// `[table][row][seed]`.
     runs: Vec<Vec<Vec<Run>>>,
     stop: StopToken,
@@ -54,12 +60,23 @@ impl PlannedGrid {
         })?;
         change(&mut grid);
         grid.out = base.join(&grid.out);
-        let mut runs = plan(&grid, base)?;
-        let stop = interrupt::stop_on_ctrl_c()?;
-        for run in runs.iter_mut().flatten().flatten() {
-            run.recipe.stop = stop.clone();
+        let mut planned = Self {
+            base: base.into(),
+            runs: Vec::new(),
+            stop: interrupt::stop_on_ctrl_c()?,
+            grid,
+        };
+        planned.plan_again()?;
+        Ok(planned)
+    }
+
+    /// Plans the trainings anew, after a data set was built.
+    pub(crate) fn plan_again(&mut self) -> CliResult {
+        self.runs = plan(&self.grid, &self.base)?;
+        for run in self.runs.iter_mut().flatten().flatten() {
+            run.recipe.stop = self.stop.clone();
         }
-        Ok(Self { grid, runs, stop })
+        Ok(())
     }
 
     /// The runs without those that stand in several tables, by all inputs of their results.
@@ -84,14 +101,14 @@ impl PlannedGrid {
         let (unique, stop) = (self.unique(), &self.stop);
         train_all(&unique, jobs, stop)?;
         let options = EvaluationOptions {
-            split: captions::split(&self.grid.split)?,
+            split: self.grid.split,
             // Greedy, so that rows of different dates are decided alike.
             beam: Some(1),
             ..EvaluationOptions::default()
         };
         let missing: Vec<&Run> = unique
             .values()
-            .filter(|run| !run.report().join("report.json").is_file())
+            .filter(|run| !has_report(run, self.grid.split))
             .copied()
             .collect();
         side_by_side(jobs, missing, |run| {
@@ -127,12 +144,16 @@ impl PlannedGrid {
     }
 }
 
-/// Expands the grid into runs: `[table][row][seed]`.
+/// Whether a run was evaluated on the split.
+fn has_report(run: &Run, split: Split) -> bool {
+    read_report(run).is_ok_and(|report| report["split"] == split.name())
+}
+
+/// Expands the grid, whose folder `out` is not relative to `base`, into runs: `[table][row][seed]`.
 fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
     let path = base.join(&grid.base);
     let recipe = trainings::read_recipe(&path)?;
     let recipe_base = path.parent().unwrap_or(Path::new(""));
-    let out = base.join(&grid.out);
     let rows_of = |table: &GridTable| -> CliResult<Vec<Vec<Run>>> {
         table
             .rows
@@ -151,7 +172,7 @@ fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
                             seed,
                             stages,
                         };
-                        plan_run(&change, &recipe, recipe_base, &out)
+                        plan_run(&change, &recipe, recipe_base, &grid.out)
                             .map_err(|e| CliError::new(format!("row `{}`: {}", row.name, e.cause)))
                     })
                     .collect()
@@ -253,6 +274,8 @@ unset = ["pretrain.flip"]
         outs.sort();
         outs.dedup();
         assert_eq!(outs.len(), 8);
+        // The folder of a grid is relative to its file already.
+        assert!(rows[0][0].recipe.out.starts_with("grid"));
         let recipe = &rows[1][1].recipe;
         assert_eq!(recipe.tokenizer.model.codebook_size, 64);
         assert_eq!(
@@ -282,6 +305,17 @@ unset = ["pretrain.flip"]
             of(r#"["a", "b"]"#),
             ("a".into(), vec!["a".into(), "b".into()])
         );
+    }
+
+    #[test]
+    fn a_report_on_another_split_is_made_anew() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut run = planned().remove(0).remove(0);
+        run.recipe.out = dir.path().into();
+        assert!(!has_report(&run, Split::Val));
+        fs::create_dir(run.report()).unwrap();
+        fs::write(run.report().join("report.json"), "{\"split\": \"val\"}").unwrap();
+        assert!(has_report(&run, Split::Val) && !has_report(&run, Split::Test));
     }
 
     #[test]

@@ -13,6 +13,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use radarllm::Model;
 use radarllm_base::hash::fnv_1a;
 use radarllm_dataset::{BuildOptions, ClipRecord, Columns, Dataset, Overwrite, Split};
 use radarllm_eval::{
@@ -26,7 +27,7 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 use radarllm_nn::pose::PoseEstimator;
 use radarllm_synth::DatasetPlan;
-use radarllm_train::{lm::CodeSource, recipe::RecipeStage};
+use radarllm_train::{inputs::data_hash, lm::CodeSource, recipe::RecipeStage};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -37,7 +38,7 @@ use super::{
 use crate::{
     commands::{
         dataset,
-        eval::captions::{adder, split},
+        eval::captions::adder,
         trainings::{self, Change, Run, end_if_stopped, plan_run, train_all},
     },
     error::{CliError, CliResult},
@@ -92,16 +93,20 @@ pub(super) fn run(args: &RunArgs) -> CliResult {
     let wanted = |row: &ComparisonRow| {
         args.only.is_empty() || args.only.contains(&row.name) || row.name == config.rows[0].name
     };
-    let planned = Planned::new(&config, base, &wanted)?;
+    check_files(&config)?;
+    let mut planned = Planned::new(&config, base, &wanted)?;
     if args.plan {
-        return planned.print(&config);
+        return planned.print(&config, base, &wanted);
     }
     let stop = interrupt::stop_on_ctrl_c()?;
-    let mut planned = planned;
+    if let Some(data) = &config.data {
+        build_data(&base.join(data), &planned.data)?;
+        // The content of the data set is a part of the names of the trainings' folders.
+        planned = Planned::new(&config, base, &wanted)?;
+    }
     for run in planned.all_mut() {
         run.recipe.stop = stop.clone();
     }
-    planned.build_data(&config, base)?;
     train_all(&planned.unique(), args.jobs, &stop)?;
     end_if_stopped(&stop);
 
@@ -111,7 +116,7 @@ pub(super) fn run(args: &RunArgs) -> CliResult {
             .iter_split(split, Columns::All)
             .collect::<Result<_, _>>()?)
     };
-    let clips = one_of_each_motion(read(split(&config.split)?)?);
+    let clips = one_of_each_motion(read(config.split)?);
     let train = read(Split::Train)?;
     if clips.is_empty() || train.is_empty() {
         return Err(CliError::new(format!(
@@ -126,12 +131,7 @@ pub(super) fn run(args: &RunArgs) -> CliResult {
     });
     let references = output::json_lines(references)?;
     output::write_atomic(&config.out.join("references.jsonl"), references.as_bytes())?;
-    let about_data = format!(
-        "{} {} {}",
-        data.manifest().config_blake3,
-        config.split,
-        config.seed
-    );
+    let about_data = planned.about_data(&config)?;
     let mut all: Vec<RowCaptions> = Vec::with_capacity(config.rows.len());
     for (index, row) in config.rows.iter().enumerate() {
         let captions = match wanted(row) {
@@ -263,32 +263,82 @@ impl Planned {
     }
 
     /// Prints finished and missing stages and captions.
-    fn print(&self, config: &ComparisonConfig) -> CliResult {
+    fn print(
+        &self,
+        config: &ComparisonConfig,
+        base: &Path,
+        wanted: &dyn Fn(&ComparisonRow) -> bool,
+    ) -> CliResult {
         trainings::print_plan(&self.unique())?;
-        for row in &config.rows {
-            let head = caption_files(&config.out, &row.name)[1].clone();
-            let state = match row.kind {
-                RowKind::NotRun => "no   ",
-                _ if head.is_file() => "done ",
-                _ => "to do",
+        let about_data = self.about_data(config)?;
+        // Captions of the first row, which another row shuffles.
+        let mut ours: Option<Vec<String>> = None;
+        for (index, row) in config.rows.iter().enumerate() {
+            let is_done = match (row.kind, &row.captions) {
+                (RowKind::NotRun, _) => None,
+                _ if !wanted(row) => None,
+                (RowKind::Answers, Some(path)) => Some(base.join(path).is_file()),
+                (RowKind::Shuffled, _) if ours.is_none() => Some(false),
+                _ => {
+                    let model = open_model(row, base)?;
+                    let first = ours.as_deref().unwrap_or_default();
+                    let inputs = self.inputs(row, index, &about_data, model.as_ref(), first)?;
+                    let done = done_captions(config, row, &inputs)?;
+                    let is_done = done.is_some();
+                    if index == 0 {
+                        let texts = |line: Line| line.text;
+                        ours = done.map(|(lines, _)| lines.into_iter().map(texts).collect());
+                    }
+                    Some(is_done)
+                }
+            };
+            let state = match is_done {
+                None => "no   ",
+                Some(true) => "done ",
+                Some(false) => "to do",
             };
             output::print_line(&format!("{state}  captions: {}", row.name));
         }
         Ok(())
     }
 
-    /// Builds the data set if the comparison configures one.
-    fn build_data(&self, config: &ComparisonConfig, base: &Path) -> CliResult {
-        let Some(data) = &config.data else {
-            return Ok(());
-        };
-        let plan = DatasetPlan::open(&base.join(data))?;
-        let options = BuildOptions {
-            threads: threads::threads(None),
-            overwrite: Overwrite::Refuse,
-            retry_failed: false,
-        };
-        dataset::build_quietly(&plan, &self.data, options)
+    /// The clips that are described, by their content, and the seed.
+    fn about_data(&self, config: &ComparisonConfig) -> CliResult<String> {
+        let hash = data_hash(&self.data)?;
+        Ok(format!("{hash} {} {}", config.split, config.seed))
+    }
+
+    /// The training of a row.
+    fn run_of(&self, index: usize) -> Option<&Run> {
+        self.runs.get(index).and_then(Option::as_ref)
+    }
+
+    /// The pose network, if the row reads what it estimates.
+    fn pose_of(&self, row: &ComparisonRow) -> Option<&Run> {
+        let pose = self.pose.as_ref();
+        pose.filter(|_| row.kind == RowKind::EstimatedMotion)
+    }
+
+    /// All inputs of the captions of a row.
+    fn inputs(
+        &self,
+        row: &ComparisonRow,
+        index: usize,
+        about_data: &str,
+        model: Option<&Model>,
+        ours: &[String],
+    ) -> CliResult<String> {
+        let mut inputs = format!("{:?} {about_data}", row.kind);
+        for run in self.run_of(index).into_iter().chain(self.pose_of(row)) {
+            inputs += &format!(" {}", run.id);
+        }
+        if let Some(model) = model {
+            inputs += &format!(" {}", model.fingerprint()?.hash);
+        }
+        if row.kind == RowKind::Shuffled {
+            inputs += &format!(" {:016x}", fnv_1a(ours.join("\n").as_bytes()));
+        }
+        Ok(inputs)
     }
 
     /// Captions of a row: those of an earlier run if they have the same inputs.
@@ -304,11 +354,6 @@ impl Planned {
         ours: &[String],
     ) -> CliResult<RowCaptions> {
         let row = &config.rows[index];
-        let run = self.runs.get(index).and_then(Option::as_ref);
-        let pose = self
-            .pose
-            .as_ref()
-            .filter(|_| row.kind == RowKind::EstimatedMotion);
         if row.kind == RowKind::NotRun {
             let reason = row.reason.clone().unwrap_or_default();
             return Ok(RowCaptions {
@@ -319,34 +364,16 @@ impl Planned {
         if let (RowKind::Answers, Some(path)) = (row.kind, &row.captions) {
             return captions::of_answers(&base.join(path), row.reason.as_deref(), clips);
         }
-        let mut inputs = format!("{:?} {about_data}", row.kind);
-        for run in run.into_iter().chain(pose) {
-            inputs += &format!(" {}", run.id);
-        }
-        let model = match &row.model {
-            None => None,
-            Some(model) => {
-                let folder = base.join(model);
-                let folder = if folder.is_dir() { &folder } else { model };
-                let model = model::open(Some(folder), DecoderName::F32)?;
-                inputs += &format!(" {}", model.fingerprint()?.hash);
-                Some(model)
-            }
-        };
-        if row.kind == RowKind::Shuffled {
-            inputs += &format!(" {:016x}", fnv_1a(ours.join("\n").as_bytes()));
-        }
+        let model = open_model(row, base)?;
+        let inputs = self.inputs(row, index, about_data, model.as_ref(), ours)?;
         let [lines_path, head_path] = caption_files(&config.out, &row.name);
-        if let Some(head) = read_head(&head_path)
-            && head.inputs == inputs
-            && lines_path.is_file()
-        {
-            let lines = read_lines(&lines_path)?;
+        if let Some((lines, cost)) = done_captions(config, row, &inputs)? {
             return Ok(RowCaptions {
                 texts: Ok(in_order(&lines_path, lines, clips)?),
-                cost: head.cost,
+                cost,
             });
         }
+        let (run, pose) = (self.run_of(index), self.pose_of(row));
         let found = match (row.kind, run, &model) {
             (_, _, Some(model)) => captions::of_model(model, clips)?,
             (RowKind::Radar, Some(run), _) => captions::of_radar(run, clips)?,
@@ -413,7 +440,7 @@ impl Planned {
         }
         let table = pose_table(
             compared.data,
-            &config.split,
+            config.split.name(),
             compared.clips,
             compared.train,
             &motions,
@@ -425,6 +452,61 @@ impl Planned {
         output::write_atomic(&config.out.join("pose.json"), json.as_bytes())?;
         Ok(pose_table::markdown(&table))
     }
+}
+
+/// Builds the data set that a comparison configures.
+fn build_data(config: &Path, folder: &Path) -> CliResult {
+    let plan = DatasetPlan::open(config)?;
+    let options = BuildOptions {
+        threads: threads::threads(None),
+        overwrite: Overwrite::Refuse,
+        retry_failed: false,
+    };
+    dataset::build_quietly(&plan, folder, options)
+}
+
+/// The finished model that a row names.
+fn open_model(row: &ComparisonRow, base: &Path) -> CliResult<Option<Model>> {
+    let Some(model) = &row.model else {
+        return Ok(None);
+    };
+    let folder = base.join(model);
+    let folder = if folder.is_dir() { &folder } else { model };
+    model::open(Some(folder), DecoderName::F32).map(Some)
+}
+
+/// The captions of an earlier run with the same inputs, and their cost.
+fn done_captions(
+    config: &ComparisonConfig,
+    row: &ComparisonRow,
+    inputs: &str,
+) -> CliResult<Option<(Vec<Line>, Cost)>> {
+    let [lines_path, head_path] = caption_files(&config.out, &row.name);
+    match read_head(&head_path) {
+        Some(head) if head.inputs == inputs && lines_path.is_file() => {
+            Ok(Some((read_lines(&lines_path)?, head.cost)))
+        }
+        _ => Ok(None),
+    }
+}
+
+/// Refuses rows whose captions would be written to the same file.
+fn check_files(config: &ComparisonConfig) -> CliResult {
+    let mut names = BTreeMap::new();
+    for row in &config.rows {
+        let [lines, _] = caption_files(&config.out, &row.name);
+        if let Some(other) = names.insert(lines.clone(), &row.name) {
+            let problem = format!(
+                "rows `{other}` and `{}`: the captions of both are {}",
+                row.name,
+                lines.display()
+            );
+            return Err(
+                CliError::new(problem).hint("give them names that differ in letters or digits")
+            );
+        }
+    }
+    Ok(())
 }
 
 /// The training of a row.

@@ -223,7 +223,7 @@ pub(crate) fn read_recordings(
             };
             let mut run = recording.clone();
             run.clip = clip;
-            let clip = describe::prepared(&path.display().to_string(), &run, Detail::All)?;
+            let (clip, _) = describe::prepared(&path.display().to_string(), &run, Detail::All)?;
             all.extend(parts(config, &activity, &name, clip));
         }
     }

@@ -56,7 +56,8 @@ pub(crate) enum LmVerb {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Write a model with its language models as bytes, at a quarter of their size: sentences occasionally differ by a word.
+    /// Write a model with its language models, which are T5, as bytes, at a quarter of their size: sentences occasionally
+    /// differ by a word.
     ///
     /// Example: radarllm lm pack --model work/model/model --out work/packed
     Pack {

@@ -6,7 +6,7 @@ use radarllm_files::{bounded as files, npy::NpyWriter};
 use radarllm_inference::{
     checkpoint::{CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE},
     lm::{
-        LmFiles,
+        LmError, LmFiles,
         card::TEXT_TOKENIZER_FILE,
         ensemble::{Member, member_folders},
     },
@@ -61,29 +61,61 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
 
 fn tokens(model: &Path, residual_codes: Option<ResidualCodes>, out: &Path) -> CliResult {
     // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
-    output::check_free(out, false)?;
-    for (member, out) in members(model, out) {
-        tokens_only(&member, residual_codes, &out).map_err(CliError::new)?;
+    output::check_new(out)?;
+    let members = members(model, out);
+    for (member, _) in &members {
+        open_member(member)?;
+    }
+    for (member, out) in &members {
+        tokens_only(member, residual_codes, out)?;
     }
     output::print_line(&out.display().to_string());
     Ok(())
 }
 
 /// Folders of the members of a model, and of those of a new one.
-fn members(model: &Path, out: &Path) -> impl Iterator<Item = (PathBuf, PathBuf)> {
-    let out = out.to_path_buf();
-    member_folders(model)
-        .into_iter()
-        .zip(1..)
-        .map(move |(member, n)| match n {
-            1 => (member, out.clone()),
+fn members(model: &Path, out: &Path) -> Vec<(PathBuf, PathBuf)> {
+    let members = member_folders(model).into_iter().zip(1..);
+    members
+        .map(|(member, n)| match n {
+            1 => (member, out.to_path_buf()),
             n => (member, out.join(format!("member-{n}"))),
         })
+        .collect()
+}
+
+/// Opens a member of the model that `--model` names.
+fn open_member(folder: &Path) -> CliResult<Member> {
+    Member::open(folder).map_err(|e| {
+        CliError::new(e).hint(
+            "--model wants a folder made by `radarllm train all`, which holds `tokenizer` and `lm`; a bundled model is no folder",
+        )
+    })
+}
+
+/// Name of the weights file of the language model of a member, which has to be a T5.
+fn t5_weights(folder: &Path) -> CliResult<String> {
+    match LmFiles::of(open_member(folder)?.lm) {
+        Ok(files) if files.is_t5() => Ok(files.card.weights),
+        Ok(_) | Err(LmError::PretrainedText) => {
+            let lm = folder.join("lm");
+            let problem = format!("{}: its backbone is not t5", lm.display());
+            Err(CliError::new(problem).hint(
+                "only a T5 is read from bytes; models with the backbones gpt2 and qwen2 stay as they are",
+            ))
+        }
+        Err(e) => Err(e.into()),
+    }
 }
 
 fn pack(model: &Path, out: &Path) -> CliResult {
-    output::check_free(out, false)?;
-    for (member, out) in members(model, out) {
+    output::check_new(out)?;
+    // All members are checked before anything is written.
+    let members = members(model, out)
+        .into_iter()
+        .map(|(member, out)| Ok((t5_weights(&member)?, member, out)))
+        .collect::<CliResult<Vec<_>>>()?;
+    for (lm_weights, member, out) in &members {
         // The decoder of radar tokens and the networks that weigh sentences are no parts of a member.
         for part in Member::PARTS.into_iter().chain(["points", "evidence"]) {
             let folder = member.join(part);
@@ -91,14 +123,14 @@ fn pack(model: &Path, out: &Path) -> CliResult {
                 continue;
             }
             let checkpoint = Checkpoint::open(&folder)?;
-            let weights: Option<String> = match part {
-                "lm" => Some(LmFiles::of(Checkpoint::open(&folder)?)?.card.weights),
-                "points" | "evidence" => Some(MODEL_FILE.to_string()),
+            let weights = match part {
+                "lm" => Some(lm_weights.as_str()),
+                "points" | "evidence" => Some(MODEL_FILE),
                 _ => None,
             };
             let mut files = CheckpointFiles::default();
             for name in checkpoint.names() {
-                match &weights {
+                match weights {
                     Some(weights) if weights == name => {
                         files.tensors_as_bytes(name, &checkpoint.tensors(name)?)?;
                     }
@@ -116,11 +148,7 @@ fn pack(model: &Path, out: &Path) -> CliResult {
 
 fn merge(model: &Path, out: &Path) -> CliResult {
     // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
-    if out.exists() {
-        return Err(
-            CliError::new(format!("{} exists already", out.display())).hint("give another --out")
-        );
-    }
+    output::check_new(out)?;
     let mut lm = RadarLm::load(model, &Device::flex())
         .map_err(|e| CliError::new(e).hint("--model wants the `lm` folder of a trained model"))?;
     if lm.adapters.is_none() {

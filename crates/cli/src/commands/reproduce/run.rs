@@ -69,7 +69,7 @@ pub(crate) fn run(verb: &ReproduceVerb) -> CliResult {
     let data = args.out.join("data");
     let plan = DatasetPlan::open(&base.join(&config.data))?;
     let (grid_out, all_data) = (absolute(&args.out.join("grid"))?, absolute(&data)?);
-    let grid = PlannedGrid::open(&base.join(&config.grid), |grid| {
+    let mut grid = PlannedGrid::open(&base.join(&config.grid), |grid| {
         let path = Value::String(all_data.display().to_string());
         grid.common.insert("data".into(), path);
         grid.out = grid_out;
@@ -86,6 +86,7 @@ pub(crate) fn run(verb: &ReproduceVerb) -> CliResult {
         retry_failed: false,
     };
     dataset::build(&plan, &data, building, false)?;
+    grid.plan_again()?;
     let (tables, ablations) = grid.run(args.jobs)?;
 
     let whole = grid.whole()?;

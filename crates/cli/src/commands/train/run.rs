@@ -51,6 +51,9 @@ pub(crate) fn run(args: &TrainArgs) -> CliResult {
         Stage::Pose => vec![RecipeStage::Pose],
         Stage::All => recipe.stages(),
     };
+    if stages.len() > 1 {
+        recipe.check_data(&stages)?;
+    }
     for stage in stages {
         let folder = recipe.out.join(stage.name());
         if folder.exists() && !args.resume {

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use super::conditions::{Change, Plan, ScreenFile};
 use crate::{EvalError, ModelInfo, captioner::caption_clips};
 
-/// Distance of a screen from the radar, m: nearer than any hand of a body whose pelvis keeps 1.3 m.
+/// Distance of a screen from the radar, m: nearer than any hand of a body whose pelvis keeps the minimum distance.
 const SCREEN_M: f64 = 0.5;
 /// Extent of a screen to each side, m: from where it stands it covers +-58 degrees.
 const SCREEN_HALF_WIDTH_M: f64 = 0.8;
@@ -91,10 +91,16 @@ impl<'a> Experiment<'a> {
                     .into(),
             ));
         }
+        let radar = config.open_radar(base)?;
+        for change in plan.changes() {
+            if let Change::DistanceM(distance_m) = change {
+                at_distance(config, distance_m).check_distance(&radar)?;
+            }
+        }
         Ok(Self {
             config,
             base,
-            radar: config.open_radar(base)?,
+            radar,
             corpora,
             clips: choose(corpora, split, plan.clips)?,
             captioner,
@@ -209,7 +215,7 @@ impl<'a> Experiment<'a> {
         let mut of_motion = None;
         match change {
             Change::ExtraNoiseDb(extra) => radar.noise_figure_db += extra,
-            Change::DistanceM(distance) => config.distance_m = [*distance; 2],
+            Change::DistanceM(distance_m) => config = at_distance(&config, *distance_m),
             Change::HeadingDeg(heading) => {
                 config.heading_deg = 0.0;
                 of_motion = Some(MotionChange::HeadingRad(heading.to_radians()));
@@ -243,6 +249,7 @@ impl<'a> Experiment<'a> {
                 radar.frame_rate_hz()
             )));
         }
+        config.check_distance(&radar)?;
         let plan = || -> Result<Synthesizer, EvalError> {
             let sim = config.sim_options();
             Ok(match change {
@@ -289,6 +296,14 @@ impl<'a> Experiment<'a> {
                 },
             )
             .collect()
+    }
+}
+
+/// The data set with the middle of every path at one distance.
+fn at_distance(config: &DatasetConfig, distance_m: f32) -> DatasetConfig {
+    DatasetConfig {
+        distance_m: [distance_m; 2],
+        ..config.clone()
     }
 }
 
