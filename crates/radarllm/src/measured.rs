@@ -40,7 +40,8 @@ impl Measured {
                 let in_clip = |clip: &Clip| [walks_in_points(clip), falls_in_points(&clip.frames)];
                 let [mut walks, mut falls] = in_clip(clip);
                 let all = clip.moving();
-                if !std::ptr::eq(all, &**clip) && !(walks.is_empty() && falls.is_empty()) {
+                let is_other = !std::ptr::eq(all, &**clip);
+                if is_other && (!walks.is_empty() || !falls.is_empty()) {
                     let [other_walks, other_falls] = in_clip(all);
                     keep_shown(&mut walks, &other_walks);
                     keep_shown(&mut falls, &other_falls);

@@ -1,6 +1,7 @@
 //! `describe`: generates sentences from recordings, points files or motions.
 
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -614,33 +615,35 @@ struct Capture {
 
 /// The inputs as named; the parts of a raw capture, which mmWave Studio numbers, are one input.
 fn captures(inputs: &[String]) -> Vec<Capture> {
-    let part_of = |input: &str| -> Option<(String, u64)> {
+    /// The folder and what the names of the parts have in common, and the number of a part.
+    fn part_of(input: &str) -> Option<(PathBuf, u64)> {
         let path = Path::new(input);
         let (common, number) = raw_part(path.file_name()?.to_str()?)?;
-        Some((path.with_file_name(common).display().to_string(), number))
-    };
-    let mut captures: Vec<(Option<String>, Vec<(u64, &String)>)> = Vec::new();
+        Some((path.with_file_name(common), number))
+    }
+    let mut captures: Vec<Capture> = Vec::new();
+    let mut place_of: BTreeMap<PathBuf, usize> = BTreeMap::new();
     for input in inputs {
-        let part = part_of(input);
-        let number = part.as_ref().map_or(0, |part| part.1);
-        let common = part.map(|part| part.0);
-        match captures
-            .iter_mut()
-            .find(|c| common.is_some() && c.0 == common)
-        {
-            Some((_, parts)) => parts.push((number, input)),
-            None => captures.push((common, vec![(number, input)])),
+        let known = part_of(input).and_then(|(common, _)| {
+            let new = captures.len();
+            let place = *place_of.entry(common).or_insert(new);
+            captures.get_mut(place)
+        });
+        match known {
+            Some(capture) => capture.files.push(input.clone()),
+            None => captures.push(Capture {
+                name: String::new(),
+                files: vec![input.clone()],
+            }),
         }
     }
-    let capture = |(_, mut parts): (Option<String>, Vec<(u64, &String)>)| {
-        parts.sort();
-        let files: Vec<String> = parts.into_iter().map(|part| part.1.clone()).collect();
-        Capture {
-            name: files.join("+"),
-            files,
-        }
-    };
-    captures.into_iter().map(capture).collect()
+    for capture in &mut captures {
+        capture
+            .files
+            .sort_by_key(|file| part_of(file).map(|part| part.1));
+        capture.name = capture.files.join("+");
+    }
+    captures
 }
 
 /// Describes the inputs on several threads, and prints the results in the order of the inputs, soon after they are there. An
@@ -727,4 +730,32 @@ fn clips_of_people(
         Ok((Some(PersonReport::from(&person)), prepare(person.clip)?))
     };
     found.tracks.iter().map(person).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parts_of_a_raw_capture_are_one_input() {
+        let named = [
+            "a.csv",
+            "x/b_Raw_10.bin",
+            "y/b_Raw_0.bin",
+            "x/b_Raw_2.bin",
+            "a.csv",
+        ];
+        let captures = captures(&named.map(String::from));
+        let names: Vec<&str> = captures.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(
+            names,
+            [
+                "a.csv",
+                "x/b_Raw_2.bin+x/b_Raw_10.bin",
+                "y/b_Raw_0.bin",
+                "a.csv"
+            ]
+        );
+        assert_eq!(captures[1].files, ["x/b_Raw_2.bin", "x/b_Raw_10.bin"]);
+    }
 }

@@ -574,12 +574,9 @@ fn convert_stream(args: &ProcessArgs, mut stream: PointStream) -> CliResult<Reco
     let mut open = Some(stream);
     let written = write_each(args, &about, |writer| {
         let frame = next.take();
-        match &mut open {
-            Some(stream) => {
-                next = stream.next_frame()?;
-                progress.show(stream.share_read());
-            }
-            None => {}
+        if let Some(stream) = &mut open {
+            next = stream.next_frame()?;
+            progress.show(stream.share_read());
         }
         // Whether speeds were measured is known at the end.
         if next.is_none()

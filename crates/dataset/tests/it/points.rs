@@ -5,8 +5,8 @@ use arrow_schema::{Field, Schema};
 use parquet::arrow::ArrowWriter;
 use radarllm_base::{BoardReport, BoardTrack, PointFrame, RadarPoint};
 use radarllm_dataset::{
-    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, write_points,
-    write_points_with,
+    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, read_points,
+    write_points, write_points_with,
 };
 
 use crate::support::{Draw, frames, read_both};
@@ -65,6 +65,33 @@ fn round_trip_keeps_everything_even_empty_and_lost_frames() {
             );
         }
     }
+}
+
+/// Speeds of zero are measured, unless the file says that they are not known; the end of a recording may tell it.
+#[test]
+fn unknown_speeds_are_stated() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("points.parquet");
+    let known = |has_speeds: bool, at_the_end: bool| {
+        let meta = PointsMeta {
+            has_speeds,
+            ..meta()
+        };
+        write_points_with(&path, &meta, Overwrite::Replace, |writer| {
+            for frame in frames(&mut Draw::new(1), 3) {
+                writer.write(&frame)?;
+            }
+            if at_the_end {
+                writer.without_speeds();
+            }
+            Ok::<(), DatasetError>(())
+        })
+        .unwrap();
+        read_points(&path).unwrap().meta.has_speeds
+    };
+    assert!(known(true, false));
+    assert!(!known(false, false));
+    assert!(!known(true, true));
 }
 
 #[test]

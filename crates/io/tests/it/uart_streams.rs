@@ -122,6 +122,33 @@ fn doppler_bins_become_velocities_by_the_chirp_file() {
     assert!(recording.notes.iter().any(is_noted));
 }
 
+/// An empty room of static echoes: every speed is measured, and zero.
+#[test]
+fn speeds_of_zero_are_measured_where_the_demo_sends_speeds() {
+    let echoes = [
+        floats(&[0.5, 2.0, 0.1, 0.0]),
+        floats(&[-1.0, 4.0, 0.3, 0.0]),
+    ]
+    .concat();
+    let bytes = stream(Dialect::Sdk3, vec![vec![(1, echoes)]; 40]);
+    let mut recording = read(&bytes, &at_10_hz()).unwrap();
+    let clip = &mut recording.clip;
+    assert_eq!((clip.n_points(), clip.has_speeds()), (80, true));
+    assert!(
+        !recording
+            .notes
+            .iter()
+            .any(|n| n.contains("no point has a speed"))
+    );
+    let removed = clip.remove_static_clutter().unwrap();
+    assert_eq!((removed.n_static, clip.n_points()), (80, 0));
+    // Where the speeds are not known, nothing is known to be static.
+    let bins = stream(Dialect::Sdk2, vec![one_point(Dialect::Sdk2); 40]);
+    let mut clip = read(&bins, &at_10_hz()).unwrap().clip;
+    assert!(!clip.has_speeds());
+    assert_eq!(clip.remove_static_clutter(), None);
+}
+
 #[test]
 fn objects_in_unknown_blocks_are_an_error_and_no_empty_room() {
     let bytes: Vec<u8> = (0..60)
