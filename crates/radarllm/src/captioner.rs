@@ -11,6 +11,7 @@ use crate::{
     Choices, LongDescription, LongRecording, Model,
     findings::Findings,
     gaps::describe_between_gaps,
+    general,
     measured::{Measured, unlearned_site},
     taught::taught_segments,
 };
@@ -57,6 +58,12 @@ impl Captioner {
     pub fn with_memory(mut self, memory: &Memory) -> Self {
         self.recogniser = Recogniser::new(memory);
         self
+    }
+
+    /// Names of the taught activities, in alphabetical order.
+    pub fn taught_names(&self) -> Vec<&str> {
+        let recogniser = self.recogniser.as_ref();
+        recogniser.map(Recogniser::names).unwrap_or_default()
     }
 
     /// The captioner restricted to named activities: a clip gets a sentence of the one that fits best, and the
@@ -216,9 +223,9 @@ impl Captioner {
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
         let is_learned = self.knows_board(clip);
-        let is_known = !self.measures || is_learned;
         if let Some(site) = &self.site
-            && !is_known
+            && self.measures
+            && !is_learned
             && site.radar != clip.radar
         {
             return Err(Error::input(format!(
@@ -240,13 +247,33 @@ impl Captioner {
                 weighed: options.weighed && is_learned,
                 ..*options
             };
-            let mut said = describe_between_gaps(self.model.networks(), clip, &options)?;
-            match (&self.choices, confidence) {
-                (Some(choices), _) => self.choose(clip, choices, &options, &mut said)?,
-                (None, Some(confidence)) => confidence.apply(clip, is_known, &mut said),
-                (None, None) => {}
-            }
-            findings.said = Some(said);
+            let model_says = || describe_between_gaps(self.model.networks(), clip, &options);
+            findings.said = Some(match (measures, &self.choices, confidence) {
+                (true, ..) => {
+                    let mut said = general::describe(clip, &options);
+                    if options.guesses && !said.segments.is_empty() {
+                        let mut guessed = model_says()?;
+                        for guess in &mut guessed.segments {
+                            guess.confidence = confidence.map_or(guess.confidence, |fitted| {
+                                fitted.of_guess(clip, guessed.windows, guess.confidence)
+                            });
+                        }
+                        general::add_guesses(&mut said, guessed);
+                    }
+                    said
+                }
+                (false, Some(choices), _) => {
+                    let mut said = model_says()?;
+                    self.choose(clip, choices, &options, &mut said)?;
+                    said
+                }
+                (false, None, Some(confidence)) => {
+                    let mut said = model_says()?;
+                    confidence.apply(clip, &mut said);
+                    said
+                }
+                (false, None, None) => model_says()?,
+            });
         }
         if let Some(recogniser) = &self.recogniser {
             findings.taught = taught_segments(clip.moving(), recogniser);

@@ -2,24 +2,19 @@
 //!
 //! A model that learned from simulated radar is too sure of itself on recordings. A logistic function that was fitted on
 //! recordings with known activities turns its confidence into the probability that a sentence is right (Platt, 1999).
-//! Where that is low, the description states only what the points show: whether somebody moves on the spot or about.
+//! Where that is low, the description states only what the points show ([`crate::general`]).
 
 use std::collections::BTreeMap;
 
-use radarllm_base::{Clip, PointFrame, RadarPoint, stats::quantile_nearest};
+use radarllm_base::Clip;
 use radarllm_inference::{Description, Segment};
 use radarllm_io::{Error, Result};
 use serde::Deserialize;
 
-/// Distance between places of one person, m, above which the person moves about.
-const ABOUT_M: f32 = 1.0;
-/// Seconds with points that show whether a person moves about.
-const MIN_PLACES: usize = 4;
+use crate::general::{join, visible, where_seen};
+
 /// Confidences nearer to 0 or 1 count as this far from it: windows of a recording agree also where they err.
 const NEAREST: f32 = 0.01;
-/// Share of the seconds on either side of the distance.
-const OUTSIDE: f32 = 0.1;
-
 /// The probability that a sentence about a recording is right, given the confidence of the model.
 ///
 /// How often a confident sentence is right differs between boards and their firmwares. What was fitted on recordings of
@@ -128,9 +123,14 @@ impl RecordedConfidence {
         })
     }
 
-    /// Replaces the confidences of a description, and the sentences about a recording that are too uncertain: all of them
-    /// where the board is not known.
-    pub(crate) fn apply(&self, clip: &Clip, is_known: bool, description: &mut Description) {
+    /// The probability that a guess with this confidence is right, about a clip that is described in a number of windows.
+    pub(crate) fn of_guess(&self, clip: &Clip, n_windows: usize, confidence: f32) -> f32 {
+        let fitted = self.of(clip, n_windows);
+        fitted.map_or(confidence, |fitted| fitted.probability(confidence))
+    }
+
+    /// Replaces the confidences of a description, and the sentences about a recording that are too uncertain.
+    pub(crate) fn apply(&self, clip: &Clip, description: &mut Description) {
         let Some(fitted) = self.of(clip, description.windows) else {
             return;
         };
@@ -145,7 +145,7 @@ impl RecordedConfidence {
                 false => segment.side_confidence.unwrap_or(1.0),
             };
             segment.confidence = fitted.probability(side * segment.confidence);
-            if !is_recorded || (segment.confidence >= self.unsure_below && is_known) {
+            if !is_recorded || segment.confidence >= self.unsure_below {
                 return vec![segment];
             }
             segment.actions.clear();
@@ -159,157 +159,15 @@ impl RecordedConfidence {
         let mut stated: Vec<Segment> = Vec::new();
         let segments = std::mem::take(&mut description.segments).into_iter();
         for segment in segments.flat_map(guessed) {
-            match stated.last_mut() {
-                Some(last) if let Some(caption) = of_both(&clip.frames, last, &segment) => {
-                    last.caption = caption;
-                    // The guess of the longer part stands for both.
-                    let (first_s, second_s) =
-                        (last.end_s - last.start_s, segment.end_s - segment.start_s);
-                    let weight = (second_s / (first_s + second_s)) as f32;
-                    last.confidence += weight * (segment.confidence - last.confidence);
-                    last.end_s = segment.end_s;
-                    if second_s > first_s {
-                        last.guess = segment.guess;
-                    }
-                }
-                _ => stated.push(segment),
-            }
+            join(&clip.frames, &mut stated, segment);
         }
         description.set_segments(stated);
     }
 }
 
-/// The parts of a segment in which the radar saw somebody. A sentence is one of a whole window: a person who is there for a
-/// part of it would be said to be there before and afterwards. What the model states is not cut, because people who exercise are
-/// seen now and then.
-fn where_seen(frames: &[PointFrame], segment: Segment) -> Vec<Segment> {
-    let parts = seen(frames, segment.start_s, segment.end_s);
-    if parts.is_empty() {
-        return vec![segment];
-    }
-    let part = |[start_s, end_s]: [f64; 2]| Segment {
-        start_s,
-        end_s,
-        ..segment.clone()
-    };
-    parts.into_iter().map(part).collect()
-}
-
-/// The times between two others, s, in which points show somebody. Somebody who keeps still is seen no more, so that times
-/// that are near each other are one.
-fn seen(frames: &[PointFrame], start_s: f64, end_s: f64) -> Vec<[f64; 2]> {
-    /// Time without points, s, after which nothing is said until they come again.
-    const MAX_UNSEEN_S: f64 = 4.0;
-    /// Less than this at the beginning or the end, s, belongs to the sentence: the radar needs a moment.
-    const MIN_CUT_S: f64 = 1.0;
-    /// Distance of the points of a body from their middle, m.
-    const BODY_M: f32 = 0.75;
-    let begins = |t_s: f64| frames.partition_point(|frame| frame.time_s < t_s);
-    let frames = frames
-        .get(begins(start_s)..begins(end_s))
-        .unwrap_or_default();
-    let mut times: Vec<[f64; 2]> = Vec::new();
-    for second in frames.chunk_by(|a, b| {
-        let second = |frame: &PointFrame| (frame.time_s - start_s) as u64;
-        second(a) == second(b)
-    }) {
-        let all = || second.iter().flat_map(|f| &f.points);
-        let points = || all().filter(|p| !p.is_leakage());
-        let [x_m, y_m] = [
-            quantile(points().map(|p| p.x_m), 0.5),
-            quantile(points().map(|p| p.y_m), 0.5),
-        ];
-        let is_near = |p: &RadarPoint| (p.x_m - x_m).hypot(p.y_m - y_m) <= BODY_M;
-        let n_near = points().filter(|p| is_near(p)).count();
-        // False alarms are spread over the room.
-        if n_near < 2 || 4 * n_near < points().count() {
-            continue;
-        }
-        let mut of_body = second.iter().filter(|f| f.points.iter().any(is_near));
-        let Some(first) = of_body.next() else {
-            continue;
-        };
-        let last = of_body.next_back().unwrap_or(first);
-        match times.last_mut() {
-            Some(before) if first.time_s - before[1] <= MAX_UNSEEN_S => before[1] = last.time_s,
-            _ => times.push([first.time_s, last.time_s]),
-        }
-    }
-    if let (Some(first), Some(last)) = (times.first().copied(), times.last().copied()) {
-        let n = times.len();
-        if first[0] - start_s < MIN_CUT_S {
-            times[0][0] = start_s;
-        }
-        if end_s - last[1] < MIN_CUT_S {
-            times[n - 1][1] = end_s;
-        }
-    }
-    // A single echo among others is nobody.
-    let is_alone = times.len() == 1;
-    times.retain(|[from_s, to_s]| is_alone || to_s > from_s);
-    times
-}
-
-/// The sentence about the points of two guesses, one after the other, if they are of one thing: what is seen of each is the
-/// same, or one is too short to show more than somebody, and both together show what the other does.
-fn of_both(frames: &[PointFrame], first: &Segment, second: &Segment) -> Option<String> {
-    let are_guesses = first.guess.is_some() && second.guess.is_some();
-    if !are_guesses || first.end_s != second.start_s {
-        return None;
-    }
-    let stronger = match (first.caption.as_str(), second.caption.as_str()) {
-        (a, b) if a == b || b == SOMEBODY => a,
-        (SOMEBODY, b) => b,
-        _ => return None,
-    };
-    // What was done more than a minute before says little of now.
-    let start_s = first.start_s.max(first.end_s - 60.0);
-    let is_shown =
-        first.caption == second.caption || visible(frames, start_s, second.end_s) == stronger;
-    is_shown.then(|| stronger.into())
-}
-
-/// What is said of somebody who is seen for too short a time to say more.
-const SOMEBODY: &str = "a person is there";
-
-/// What the points of a time show of any motion.
-fn visible(frames: &[PointFrame], start_s: f64, end_s: f64) -> &'static str {
-    let begins = |t_s: f64| frames.partition_point(|frame| frame.time_s < t_s);
-    let (first, end) = (begins(start_s), begins(end_s));
-    let mut seconds: Vec<Vec<[f32; 2]>> = Vec::new();
-    for frame in frames.get(first..end).unwrap_or_default() {
-        let second = (frame.time_s - start_s) as usize;
-        while seconds.len() <= second {
-            seconds.push(Vec::new());
-        }
-        seconds[second].extend(frame.points.iter().map(|p| [p.x_m, p.y_m]));
-    }
-    // The middle of the points of each second that has more than single ones.
-    let places: Vec<[f32; 2]> = seconds
-        .iter()
-        .filter(|points| points.len() >= 3)
-        .map(|points| [0, 1].map(|axis| quantile(points.iter().map(|p| p[axis]), 0.5)))
-        .collect();
-    let extent = |axis: usize| {
-        let values = || places.iter().map(|p| p[axis]);
-        quantile(values(), 1.0 - OUTSIDE) - quantile(values(), OUTSIDE)
-    };
-    match extent(0).hypot(extent(1)) > ABOUT_M {
-        // Of a shorter time it cannot be said where somebody goes.
-        _ if places.len() < MIN_PLACES => SOMEBODY,
-        true => "a person moves about",
-        false => "a person moves on the spot",
-    }
-}
-
-/// Quantile of values without interpolation; 0 without values.
-fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
-    quantile_nearest(values, share).unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
-    use radarllm_base::Clutter;
+    use radarllm_base::{Clutter, PointFrame, RadarPoint};
 
     use super::*;
 
@@ -375,7 +233,7 @@ mod tests {
             (confidence.others.window.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6
         );
         let mut description = described(&[0.8, 0.3]);
-        confidence.apply(&clip(0.0, "recorded:uart:x"), true, &mut description);
+        confidence.apply(&clip(0.0, "recorded:uart:x"), &mut description);
         let [sure, unsure] = &description.segments[..] else {
             panic!("{description:?}")
         };
@@ -388,22 +246,12 @@ mod tests {
         assert!(unsure.actions.is_empty() && unsure.confidence < 0.25);
 
         let mut description = described(&[0.3, 0.3]);
-        confidence.apply(&clip(0.4, "recorded:uart:x"), true, &mut description);
+        confidence.apply(&clip(0.4, "recorded:uart:x"), &mut description);
         assert_eq!(description.caption, "a person moves about");
         assert_eq!(description.segments.len(), 1);
-
-        // On a board that is not known, sure sentences are guesses, too.
-        let mut description = described(&[0.99]);
-        confidence.apply(&clip(0.4, "recorded:uart:x"), false, &mut description);
-        assert_eq!(description.caption, "a person moves about");
-        assert_eq!(
-            description.segments[0].guess.as_deref(),
-            Some("a person squats 0")
-        );
     }
 
-    /// A sentence is one of a window of ten seconds; of a board that is not known, only the time in which somebody is seen is
-    /// stated.
+    /// A sentence is one of a window of ten seconds; where it is too uncertain, only the time in which somebody is seen is stated.
     #[test]
     fn nobody_is_stated_before_and_after_somebody_is_seen() {
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
@@ -414,10 +262,10 @@ mod tests {
                 frame.points.clear();
             }
         }
-        let stated = |is_known: bool| {
-            let mut description = described(&[0.99]);
+        let stated = |is_sure: bool| {
+            let mut description = described(&[if is_sure { 0.99 } else { 0.3 }]);
             description.segments[0].end_s = 10.0;
-            confidence.apply(&clip, is_known, &mut description);
+            confidence.apply(&clip, &mut description);
             let segments = description.segments.into_iter();
             segments
                 .map(|s| [s.start_s, s.end_s])
@@ -438,9 +286,9 @@ mod tests {
                 frame.points.iter_mut().for_each(|p| p.range_m = 3.0);
             }
         });
-        let mut description = described(&[0.99]);
+        let mut description = described(&[0.3]);
         description.segments[0].end_s = 10.0;
-        confidence.apply(&clip, false, &mut description);
+        confidence.apply(&clip, &mut description);
         assert_eq!(description.segments.len(), 1);
     }
 
@@ -453,7 +301,7 @@ mod tests {
         {
             (segment.start_s, segment.end_s) = (start_s, end_s);
         }
-        confidence.apply(&clip(0.0, "recorded:uart:x"), false, &mut description);
+        confidence.apply(&clip(0.0, "recorded:uart:x"), &mut description);
         let [all] = &description.segments[..] else {
             panic!("{description:?}")
         };
@@ -474,7 +322,7 @@ mod tests {
         ] {
             let mut description = described(&[0.5]);
             description.windows = n_windows;
-            confidence.apply(&clip(0.0, provenance), true, &mut description);
+            confidence.apply(&clip(0.0, provenance), &mut description);
             let found = description.segments[0].confidence;
             assert!((found - expected).abs() < 1e-6, "{provenance}: {found}");
         }
@@ -486,13 +334,13 @@ mod tests {
         let before = described(&[0.5, 0.1]);
         let mut description = before.clone();
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
-        confidence.apply(&simulated, true, &mut description);
+        confidence.apply(&simulated, &mut description);
         assert_eq!(description, before);
 
         let fitted = "[simulated]\nwindow = { slope = 1.0, offset = -3.0 }\n\
             recording = { slope = 1.0, offset = 0.0 }\n";
         let confidence = RecordedConfidence::from_toml(&format!("{FILE}{fitted}")).unwrap();
-        confidence.apply(&simulated, true, &mut description);
+        confidence.apply(&simulated, &mut description);
         let captions = description.segments.iter().map(|s| s.caption.as_str());
         let unchanged = before.segments.iter().map(|s| s.caption.as_str());
         assert!(captions.eq(unchanged));
@@ -511,7 +359,7 @@ mod tests {
         ] {
             let mut description = described(&[0.8]);
             description.segments[0].side_confidence = side_confidence;
-            confidence.apply(&clip(0.0, provenance), true, &mut description);
+            confidence.apply(&clip(0.0, provenance), &mut description);
             let found = description.segments[0].confidence;
             assert!((found - expected).abs() < 1e-6, "{provenance}: {found}");
         }

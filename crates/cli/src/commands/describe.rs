@@ -10,7 +10,7 @@ use clap::Args;
 use radarllm::{
     BundledModel, Captioner, Clip, DescribeOptions, Description, Input, LongRecording, Person,
     PrepareOptions, PreparedClip, Recording, SimulateOptions, Site, SiteError, board_people,
-    prepare_for_model, teach::Warning,
+    is_general, prepare_for_model, teach::Warning,
 };
 use radarllm_base::StaticClutter;
 use radarllm_formats::folder::raw_part;
@@ -351,7 +351,8 @@ pub(crate) fn print_row(row: &Row, detail: Detail) {
     /// What begins or ends so near the beginning or the end, s, is of the whole recording.
     const NEAR_S: f64 = 1.0;
     let is_whole = |s: &Segment| s.start_s < NEAR_S && s.end_s > row.clip_seconds - NEAR_S;
-    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none() && is_whole(s);
+    let is_plain =
+        |s: &Segment| s.taught.is_none() && !is_general(s) && s.guess.is_none() && is_whole(s);
     if row.segments.len() < 2 && row.segments.iter().all(is_plain) {
         let remark = match &row.reason {
             Some(reason) => format!(": {reason}"),
@@ -388,6 +389,7 @@ fn print_segment(s: &Segment, detail: Detail) {
             format!(" ({:.2}, perhaps {guess})", s.confidence)
         }
         (None, Some(_)) => String::new(),
+        (None, None) if is_general(s) => String::new(),
         (None, None) => format!(" ({:.2})", s.confidence),
     };
     output::print_line(&format!(
@@ -509,6 +511,8 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     };
     let describing = DescribeOptions {
         beam: args.beam,
+        // Nobody sees the guesses about boards that the model did not learn otherwise.
+        guesses: args.verbose || args.json,
         ..DescribeOptions::default()
     };
     let detail = match args.verbose {

@@ -64,6 +64,9 @@ pub struct DescribeOptions {
     /// Whether the sentences are guesses about a board that the model did not learn. A long recording is then described in no
     /// more windows than show when somebody is there, by the first member of an ensemble alone.
     pub only_guesses: bool,
+    /// Whether the sentences of the model are wanted where they are guesses, about boards that it did not learn. Without them the
+    /// networks are not asked there: what is stated does not depend on guesses.
+    pub guesses: bool,
     /// Whether sentences are weighed with what the points say by themselves ([`Captioner::with_evidence`]). Of boards that
     /// the networks did not learn, they say less than the language model.
     pub weighed: bool,
@@ -76,6 +79,7 @@ impl Default for DescribeOptions {
             min_median_points: 8,
             min_frames: 8,
             only_guesses: false,
+            guesses: true,
             weighed: true,
         }
     }

@@ -40,3 +40,4 @@ pub use generate::{Allowed, GenerateOptions, Generated};
 pub use instruction::Instruction;
 pub use radarllm_engine::{Precision, Source, Watch, position};
 pub use vocab::Vocab;
+pub use windows::times_with_person;

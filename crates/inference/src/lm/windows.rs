@@ -214,6 +214,30 @@ fn tokens(results: &[WindowCaption]) -> Vec<u32> {
     tokens
 }
 
+/// The times of a prepared clip in which its windows may show a person, s, in order and apart; why there are none otherwise. No
+/// network reads the clip.
+///
+/// # Errors
+/// A clip that is too short, or that has too few points in every window.
+pub fn times_with_person(
+    clip: &Clip,
+    options: &DescribeOptions,
+) -> Result<Vec<[f64; 2]>, Abstained> {
+    let windows = Windows::of(clip, options);
+    if let Some(why) = windows.abstained {
+        return Err(why);
+    }
+    let mut times: Vec<[f64; 2]> = Vec::new();
+    for (start, end) in windows.spans {
+        let [start_s, end_s] = [start, end].map(|frame| time_s(clip, frame));
+        match times.last_mut() {
+            Some(last) if start_s <= last[1] => last[1] = last[1].max(end_s),
+            _ => times.push([start_s, end_s]),
+        }
+    }
+    Ok(times)
+}
+
 /// The order in which windows are described: all at once, or in steps along a long recording, first the coarse windows and then
 /// those between them that are needed.
 pub(super) struct Plan<'a, 'b> {
