@@ -64,7 +64,7 @@ impl TrackedPerson {
     }
 
     /// The samples of a time.
-    pub(crate) fn between(&self, from_s: f64, to_s: f64) -> &[Sample] {
+    pub fn between(&self, from_s: f64, to_s: f64) -> &[Sample] {
         let first = self.samples.partition_point(|s| s.t_s < from_s);
         let last = self.samples.partition_point(|s| s.t_s <= to_s);
         &self.samples[first..last.max(first)]

@@ -21,8 +21,8 @@ use crate::{
 /// Simulates a motion before a radar.
 ///
 /// `input` is a built-in motion ("builtin:walk?direction=backward"; `radarllm motion list` names them), a motion file
-/// (BVH, AMC with its ASF, AMASS npz, HumanML3D npy), or a scene file (.toml). The person starts `distance_m` (m) before the radar, which is
-/// `radar_height_m` (m) above the floor. `seed` determines the noise and the variations of a built-in motion; with
+/// (BVH, AMC with its ASF, AMASS npz, HumanML3D npy), or a scene file (.toml). The middle of the motion's path is `distance_m`
+/// (m) before the radar, which is `radar_height_m` (m) above the floor; distances at which the radar sees nobody are an error. `seed` determines the noise and the variations of a built-in motion; with
 /// `own_noise` the noise is drawn from the seed and the name of the input, as the command `radarllm simulate` does.
 /// `processing` is a TOML file with a table `[processing]`. The result does not depend on `threads`.
 ///

@@ -153,13 +153,64 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     // Nobody is followed through a time without frames.
     let people = clip.frames.chunk_by(follows).flat_map(people_in_points);
     let site = unlearned_site(clip);
+    let walks = |p: TrackedPerson| -> Vec<State> {
+        let mut states = states_of(&p, &site, &[]);
+        states.retain(|s| s.activity == Activity::Walks && is_as_fast(&clip.frames, &p, s));
+        states
+    };
     let mut states: Vec<State> = people
         .filter(|p| p.length_s() >= MIN_TRACKED_S)
-        .flat_map(|p| states_of(&p, &site, &[]))
-        .filter(|state| state.activity == Activity::Walks)
+        .flat_map(walks)
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     segments(&states)
+}
+
+/// Whether the points near a walk are about as fast as the track changes its range: a track that jumps between the parts of a
+/// body, or between two people, is much faster than they are.
+fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bool {
+    /// A recording without a faster point, m/s, is of a board whose speeds may fold below that of somebody who walks.
+    const MIN_FASTEST_MPS: f32 = 0.7;
+    /// Share of the way in range that speeds must show, and the way from which on it is asked for, m: who walks past the radar
+    /// has none.
+    const MIN_SHARE: f32 = 0.4;
+    const MIN_WAY_M: f32 = 0.5;
+    /// Distance of points from the track, m.
+    const NEAR_M: f32 = 0.7;
+    let fastest_mps = (frames.iter().flat_map(|f| &f.points))
+        .map(|p| p.velocity_mps.abs())
+        .fold(0.0, f32::max);
+    if fastest_mps < MIN_FASTEST_MPS {
+        return true;
+    }
+    let (mut way_m, mut shown_m) = (0.0, 0.0);
+    let mut before_m: Option<f32> = None;
+    let mut t_s = walk.start_s;
+    while t_s < walk.end_s {
+        let samples = person.between(t_s, (t_s + 1.0).min(walk.end_s));
+        t_s += 1.0;
+        if samples.is_empty() {
+            before_m = None;
+            continue;
+        }
+        let n = samples.len() as f32;
+        let mean = |axis: usize| samples.iter().map(|s| s.place_m[axis]).sum::<f32>() / n;
+        let range_m = mean(0).hypot(mean(1));
+        let mut speeds_mps = Vec::new();
+        for sample in samples {
+            let [x_m, y_m] = sample.place_m;
+            let at = frames.partition_point(|f| f.time_s < sample.t_s);
+            let points = frames.get(at).into_iter().flat_map(|f| &f.points);
+            let near = points.filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M);
+            speeds_mps.extend(near.map(|p| p.velocity_mps));
+        }
+        if let (Some(before_m), false) = (before_m, speeds_mps.is_empty()) {
+            way_m += (range_m - before_m).abs();
+            shown_m += speeds_mps.iter().sum::<f32>().abs() / speeds_mps.len() as f32;
+        }
+        before_m = Some(range_m);
+    }
+    way_m < MIN_WAY_M || shown_m >= MIN_SHARE * way_m
 }
 
 /// The people whom the tracker of this program sees in points.
@@ -255,6 +306,69 @@ mod tests {
             walk.start_s < 1.0 && (2.0..5.0).contains(&walk.end_s),
             "{walk:?}"
         );
+    }
+
+    /// A track that jumps between parts of a body, or between two bodies, changes its range and its points are slow.
+    #[test]
+    fn who_walks_is_as_fast_as_the_points() {
+        let person = |at_m: &dyn Fn(f32) -> f32| TrackedPerson {
+            tracker: Tracker::Points,
+            track: 1,
+            samples: (0..100)
+                .map(|i| Sample {
+                    t_s: f64::from(i) / 10.0,
+                    place_m: [0.0, at_m(i as f32 / 10.0)],
+                    height_m: None,
+                    upward_mps: None,
+                })
+                .collect(),
+        };
+        // Points at the place of the track with this speed, and one far away that is as fast as somebody who walks, or not.
+        let frames = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
+            let point = |y_m: f32, velocity_mps: f32| RadarPoint {
+                y_m,
+                range_m: y_m,
+                velocity_mps,
+                ..RadarPoint::default()
+            };
+            let frame = |i: u32| PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: vec![
+                    point(at_m(i as f32 / 10.0), velocity_mps),
+                    point(9.0, fastest_mps),
+                ],
+                board: None,
+            };
+            (0..100).map(frame).collect::<Vec<_>>()
+        };
+        let walk = State {
+            track: 1,
+            start_s: 0.0,
+            end_s: 9.9,
+            activity: Activity::Walks,
+            probability: 0.8,
+            places_m: [[0.0, 2.0]; 2],
+            between_m: [2.0; 2],
+        };
+        let is_walk = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
+            let frames = frames(at_m, velocity_mps, fastest_mps);
+            is_as_fast(&frames, &person(at_m), &walk)
+        };
+        let away = |t_s: f32| 2.0 + 0.5 * t_s;
+        let jumps = |t_s: f32| {
+            if (t_s as u32).is_multiple_of(2) {
+                1.5
+            } else {
+                2.5
+            }
+        };
+        assert!(is_walk(&away, 0.5, 1.0));
+        assert!(!is_walk(&away, 0.05, 1.0));
+        assert!(!is_walk(&jumps, 0.1, 1.0));
+        // Speeds that fold say nothing; who walks past has no radial speed.
+        assert!(is_walk(&away, 0.05, 0.3));
+        assert!(is_walk(&|_| 2.0, 0.05, 1.0));
     }
 
     /// Most of a body on the spot is slow and goes with the static points; what is left of it moves its middle.

@@ -5,7 +5,7 @@ use std::path::Path;
 use radarllm_base::{RadarConfig, seed::derive_seed};
 use radarllm_io::TiFirmware;
 use radarllm_radar_dsp::DspOptions;
-use radarllm_synth::{Method, SynthError, Synthesizer};
+use radarllm_synth::{Method, SynthError, Synthesizer, placement::MIN_DISTANCE_M};
 use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
@@ -168,7 +168,7 @@ impl FallPlan {
         for (name, values, range) in [
             ("height_m of a mounting", &heights_m, 0.1..=4.0),
             ("tilt_deg", &tilts_deg, -90.0..=90.0),
-            ("distance_m", &self.distance_m, 1.0..=20.0),
+            ("distance_m", &self.distance_m, MIN_DISTANCE_M..=20.0),
             ("heading_deg", &self.heading_deg, -360.0..=360.0),
         ] {
             if let Some(value) = values.iter().find(|v| !range.contains(*v)) {
