@@ -100,8 +100,13 @@ pub(crate) fn about_background(
     n_removed: usize,
     n_points: usize,
 ) -> String {
+    let places = match background.n_places() {
+        0 => String::new(),
+        1 => " and 1 place where something moves".into(),
+        n => format!(" and {n} places where something moves"),
+    };
     format!(
-        "background: {} cells of {} frames of {}; {n_removed} of {n_points} points removed",
+        "background: {} cells{places} of {} frames of {}; {n_removed} of {n_points} points removed",
         background.n_cells(),
         background.n_frames,
         path.display()

@@ -1,6 +1,6 @@
 //! The model as the pipeline uses it.
 
-use radarllm::{Captioner, Clip, Description, SiteLearner};
+use radarllm::{Captioner, Clip, DescribeOptions, Description, Segment, SiteLearner, is_general};
 use radarllm_monitor::activities::actions_of;
 use radarllm_monitor::pipeline::{Describe, Described};
 
@@ -44,48 +44,52 @@ impl Captions {
 }
 
 impl Captions {
-    /// A sentence with its actions. Where they are measured, changes of posture are actions, too.
+    /// A sentence with its actions, and those of them that are measured.
     fn sentence(&self, clip: &Clip, description: Description) -> Described {
-        let mut actions = actions_of(&description.caption);
+        let actions = stated(&description);
         let mut measured = Vec::new();
         if self.captioner.measures(clip) {
-            actions = with_changes(actions);
-            let taught = description.segments.iter().filter(|s| s.taught.is_some());
-            let taught: Vec<&str> = taught.flat_map(|s| s.actions.iter().copied()).collect();
+            let taught = description.segments.iter().filter_map(|s| {
+                let name = s.taught.as_deref()?;
+                Some(s.actions.iter().copied().chain([name]))
+            });
+            let taught: Vec<&str> = taught.flatten().collect();
             let is_measured = |action: &&String| !taught.contains(&action.as_str());
             measured = actions.iter().filter(is_measured).cloned().collect();
         }
         Described::Sentence {
             actions,
             measured,
-            confidence: description.confidence.into(),
+            confidence: (!description.segments.iter().all(is_general))
+                .then(|| description.confidence.into()),
             caption: description.caption,
         }
     }
 }
 
-/// Measured actions with the changes between them: who walks or stands after sitting or lying has got up, and who sits or
-/// lies afterwards has sat or lain down, unless by a fall.
-fn with_changes(actions: Vec<String>) -> Vec<String> {
-    let is_up = |action: &str| ["walk", "pace", "stand_still"].contains(&action);
-    let mut all: Vec<String> = Vec::with_capacity(actions.len());
-    for action in actions {
-        let change = match (all.last().map(String::as_str), action.as_str()) {
-            (Some("sit_still" | "lie_still"), now) if is_up(now) => Some("stand_up"),
-            (Some(before), "sit_still") if is_up(before) => Some("sit_down"),
-            (Some(before), "lie_still") if is_up(before) => Some("lie_down"),
-            _ => None,
-        };
-        all.extend(change.map(String::from));
-        all.push(action);
+/// The actions of a description, in order of time. A taught sentence that states none that is known has the name under which
+/// it was taught.
+fn stated(description: &Description) -> Vec<String> {
+    let is_unknown = |s: &Segment| s.taught.is_some() && s.actions.is_empty();
+    if !description.segments.iter().any(is_unknown) {
+        return actions_of(&description.caption);
     }
-    all
+    let of_segment = |segment: &Segment| match &segment.taught {
+        Some(name) if segment.actions.is_empty() => vec![name.clone()],
+        _ => actions_of(&segment.caption),
+    };
+    description.segments.iter().flat_map(of_segment).collect()
 }
 
 impl Describe for Captions {
     fn describe(&mut self, clip: &Clip) -> Described {
         self.learn(clip);
-        match self.captioner.describe(clip) {
+        // Guesses about boards that the model did not learn are not shown.
+        let options = DescribeOptions {
+            guesses: false,
+            ..DescribeOptions::default()
+        };
+        match self.captioner.describe_with(clip, &options) {
             Ok(description) => match description.abstained {
                 Some(reason) => Described::Abstained {
                     reason: reason.to_string(),
@@ -99,10 +103,12 @@ impl Describe for Captions {
     }
 }
 
-/// All actions that a sentence can state, in alphabetical order.
-pub fn actions() -> Vec<String> {
+/// All actions that a sentence can state, in alphabetical order, and then the taught activities.
+pub fn actions(captioner: &Captioner) -> Vec<String> {
     let actions = radarllm_facts::tables::stated_actions();
-    actions.map(str::to_string).collect()
+    let mut all: Vec<String> = actions.map(str::to_string).collect();
+    all.extend(captioner.taught_names().into_iter().map(String::from));
+    all
 }
 
 #[cfg(test)]
@@ -113,30 +119,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn changes_of_measured_postures_are_actions() {
-        let of = |actions: &[&str]| with_changes(actions.iter().map(|a| (*a).into()).collect());
-        let day = ["walk", "sit_still", "pace", "lie_still", "stand_still"];
-        let expected = [
-            "walk",
-            "sit_down",
-            "sit_still",
-            "stand_up",
-            "pace",
-            "lie_down",
-            "lie_still",
-            "stand_up",
-            "stand_still",
-        ];
-        assert_eq!(of(&day), expected);
-        // A fall is no lying down, and a pause no change.
-        assert_eq!(
-            of(&["walk", "fall", "lie_still"]),
-            ["walk", "fall", "lie_still"]
-        );
-        assert_eq!(
-            of(&["walk", "stand_still", "walk"]),
-            ["walk", "stand_still", "walk"]
-        );
+    fn a_taught_sentence_without_a_known_action_has_the_name_under_which_it_was_taught() {
+        let segment = |caption: &str, taught: Option<&str>| Segment {
+            start_s: 0.0,
+            end_s: 3.0,
+            caption: caption.into(),
+            actions: radarllm_facts::parse(caption)
+                .iter()
+                .filter_map(|clause| clause.actions.first().map(|action| action.name))
+                .collect(),
+            confidence: 0.9,
+            side_confidence: None,
+            taught: taught.map(String::from),
+            guess: None,
+        };
+        let of = |segments: Vec<Segment>| {
+            let captions: Vec<&str> = segments.iter().map(|s| s.caption.as_str()).collect();
+            stated(&Description {
+                caption: captions.join(", then "),
+                segments,
+                ..Description::default()
+            })
+        };
+        let walks = segment("a person walks forward", None);
+        let patrols = segment("a nurse patrols the room", Some("patrol"));
+        assert!(patrols.actions.is_empty());
+        assert_eq!(of(vec![walks.clone(), patrols]), ["walk", "patrol"]);
+        // Where it states one that is known, that one is used.
+        let sits = segment("a person sits down in the wheelchair", Some("wheelchair"));
+        assert_eq!(of(vec![walks, sits]), ["walk", "sit_down"]);
     }
 
     #[test]

@@ -46,6 +46,7 @@ pub mod mqtt;
 pub mod notify;
 mod resample;
 pub mod room;
+mod runs;
 pub mod service;
 pub mod store_writer;
 pub mod zones;

@@ -15,7 +15,7 @@ use radarllm_memory::Clock;
 use radarllm_memory::store::Retention;
 use radarllm_monitor::liveness::Liveness;
 use radarllm_monitor::messages::{self, About};
-use radarllm_monitor::pipeline::{Pipeline, PipelineOptions};
+use radarllm_monitor::pipeline::{Output, Pipeline, PipelineOptions};
 use radarllm_monitor::queue::{FrameQueue, Item, WhenFull};
 use radarllm_monitor::rows::Origin;
 
@@ -112,11 +112,12 @@ impl Live {
             )));
         }
         let about = about(&input, captioner.name(), &options);
+        let actions = actions(&captioner);
         let (metrics, bus) = (Arc::<Metrics>::default(), Arc::new(Bus::new(about)));
         let liveness = Arc::new(Liveness::new(Duration::from_secs_f64(
             stream.frame_period_s,
         )));
-        let pipeline = Pipeline::new(
+        let mut pipeline = Pipeline::new(
             stream,
             &options.pipeline,
             Box::new(Captions::new(captioner)),
@@ -130,9 +131,29 @@ impl Live {
             }
             None => (None, None),
         };
+        // A recording is not the room as it is now.
+        let is_running = input.when_full() == WhenFull::DropOldest;
+        let restored = match store.as_ref().filter(|_| is_running) {
+            Some(store) => {
+                let now_ms = now_ms();
+                // A memory that cannot be read is found when it is written.
+                let origin = bus.about().origin;
+                let falls = store_writer::open_falls(store.timeline(), &origin, now_ms);
+                pipeline.restore(&falls.unwrap_or_default(), now_ms)
+            }
+            None => Vec::new(),
+        };
+        // Before anybody listens: they are a state, and no news.
+        let mut events = Vec::new();
+        for output in restored {
+            match output {
+                Output::Message(stamp, body) => bus.publish(stamp, body),
+                other => events.push(other),
+            }
+        }
         let publish = |broker| {
             let broker = mqtt::Options {
-                actions: actions(),
+                actions,
                 ..broker
             };
             Publisher::start(broker, Arc::clone(&bus)).map_err(Error::wrap)
@@ -146,6 +167,7 @@ impl Live {
             publisher.as_ref().map(Publisher::status),
         )
         .map_err(Error::wrap)?;
+        events.into_iter().for_each(|event| writer.accept(event));
         let (acknowledge, acknowledged) = sync_channel(MAX_ACKNOWLEDGED);
         let server = match options.page {
             Some(page) => {
@@ -234,6 +256,11 @@ impl Live {
     /// Why the model could not describe the newest window, if it could not.
     pub fn model_problem(&self) -> Option<String> {
         self.metrics.monitor.model_problem.get()
+    }
+
+    /// What was learnt of the empty room, in words, if it was and learning has ended.
+    pub fn room_learnt(&self) -> Option<&str> {
+        self.metrics.monitor.room_learnt.get().map(String::as_str)
     }
 
     /// Why what arrives from the radar tells nothing, if it does not.

@@ -4,6 +4,9 @@
 //! publishes the rows of the timeline, because they have their numbers from the database. While the database cannot be
 //! written, rows are published with negative numbers and not kept; this is counted and reported with the health, and writing is
 //! tried again after a minute. Events such as falls wait until then, and are written with the time at which they happened.
+//!
+//! The thread also writes every few seconds until when the radar has been watched, so that the memory denies nothing of a time
+//! in which nobody watched.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -13,16 +16,18 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use radarllm_memory::StoreError;
-use radarllm_memory::store::{Retention, Store};
+use radarllm_memory::store::{EventQuery, Retention, Store, Timeline};
+use radarllm_monitor::falls::EarlierFall;
 use radarllm_monitor::messages::{Body, Stamp};
 use radarllm_monitor::pipeline::Output;
-use radarllm_monitor::rows::{Activity, ActivityRow, Event, Growth, Origin};
+use radarllm_monitor::rows::{Activity, ActivityRow, Event, EventKind, EventRow, Growth, Origin};
 
 use crate::bus::Bus;
 use crate::http::Forget;
 use crate::local_time::now_ms;
 use crate::metrics::Metrics;
 use crate::mqtt::Status;
+use crate::runs::{REFRESH, Runs};
 
 /// Rows and events that may wait.
 const QUEUE: usize = 1_024;
@@ -40,6 +45,8 @@ const STEP_MS: i64 = 10_000;
 const PRUNE: Duration = Duration::from_secs(3_600);
 /// How often the thread looks whether something is to be done.
 const TICK: Duration = Duration::from_millis(200);
+/// Oldest fall that is taken over from an earlier run, ms.
+const OPEN_FALL_MS: i64 = 86_400_000;
 /// Rows that may still grow and whose numbers are remembered.
 const MAX_OPEN_ROWS: usize = 1_024;
 
@@ -55,6 +62,7 @@ pub struct StoreWriter {
     store: Option<Arc<Mutex<Store>>>,
     /// Events that could not be written.
     waiting: Arc<Mutex<VecDeque<Event>>>,
+    runs: Arc<Mutex<Runs>>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     broker: Option<Status>,
@@ -79,6 +87,7 @@ impl StoreWriter {
         let store = store.map(|store| Arc::new(Mutex::new(store)));
         let (sender, receiver) = sync_channel(QUEUE);
         let waiting = Arc::<Mutex<VecDeque<Event>>>::default();
+        let runs = Arc::<Mutex<Runs>>::default();
         let writer = Writer {
             store: store.clone(),
             retention,
@@ -87,6 +96,8 @@ impl StoreWriter {
             metrics: Arc::clone(&metrics),
             known: BTreeMap::new(),
             waiting: Arc::clone(&waiting),
+            runs: Arc::clone(&runs),
+            alive: None,
             failed: None,
             retry: RETRY,
             is_replaced: false,
@@ -101,6 +112,7 @@ impl StoreWriter {
             thread: Some(thread),
             store,
             waiting,
+            runs,
             bus,
             metrics,
             broker,
@@ -109,6 +121,16 @@ impl StoreWriter {
 
     /// Publishes messages, and hands over what is to be kept. It never waits.
     pub fn accept(&self, output: Output) {
+        {
+            let mut runs = lock(&self.runs);
+            match &output {
+                Output::Message(stamp, _) | Output::Row { stamp, .. } => runs.live(stamp.utc_ms),
+                Output::Event(event) => {
+                    runs.live(event.at_ms);
+                    runs.hear(event.kind);
+                }
+            }
+        }
         let record = match output {
             Output::Message(stamp, mut body) => {
                 if let Body::Health(health) = &mut body {
@@ -138,10 +160,13 @@ impl StoreWriter {
     /// How the HTTP server forgets; `None` without a store.
     pub fn forget(&self) -> Option<Forget> {
         let store = Arc::clone(self.store.as_ref()?);
-        let waiting = Arc::clone(&self.waiting);
+        let (waiting, runs) = (Arc::clone(&self.waiting), Arc::clone(&self.runs));
         Some(Arc::new(move |from_ms, to_ms| {
             lock(&waiting).retain(|event| !(from_ms..to_ms).contains(&event.at_ms));
-            lock(&store).forget(Some(from_ms), to_ms)
+            // No run is written meanwhile.
+            let mut store = lock(&store);
+            lock(&runs).forget(from_ms, to_ms);
+            store.forget(Some(from_ms), to_ms)
         }))
     }
 }
@@ -166,6 +191,9 @@ struct Writer {
     known: BTreeMap<u64, (i64, i64)>,
     /// Events that could not be written.
     waiting: Arc<Mutex<VecDeque<Event>>>,
+    runs: Arc<Mutex<Runs>>,
+    /// When the last sign of life was written.
+    alive: Option<Instant>,
     failed: Option<Instant>,
     /// Time between two attempts to write after a failure.
     retry: Duration,
@@ -227,17 +255,23 @@ impl Writer {
                 Ok(first) => {
                     let mut records = vec![first];
                     records.extend(receiver.try_iter());
+                    // Before them, so that they are of a time that is known.
+                    self.keep_alive(false);
                     self.write(records);
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             self.catch_up();
+            if self.alive.is_none_or(|at| at.elapsed() >= REFRESH) {
+                self.keep_alive(false);
+            }
             self.prune();
         }
         // The last attempt, also if it is not time yet.
         self.failed = None;
         self.catch_up();
+        self.keep_alive(true);
         self.metrics
             .store_failures
             .add(lock(&self.waiting).len() as u64);
@@ -283,6 +317,7 @@ impl Writer {
             }
             self.is_replaced = false;
             self.failed = None;
+            lock(&self.runs).begin_anew();
             self.metrics.store_problem.set(None);
         }
         let origin = &self.origin;
@@ -322,6 +357,41 @@ impl Writer {
             }
         }
         true
+    }
+
+    /// Writes until when the radar has been watched, if it is time to write.
+    fn keep_alive(&mut self, is_over: bool) {
+        if !self.catch_up() {
+            return;
+        }
+        let Some(store) = self.store.clone() else {
+            return;
+        };
+        let mut store = lock(&store);
+        let (mut runs, events) = lock(&self.runs).to_write(is_over);
+        if runs.is_empty() {
+            return;
+        }
+        let origin = &self.origin;
+        let written = store.write(|batch| {
+            for written in &mut runs {
+                written.id = Some(batch.write_run(written.id, &written.run)?);
+            }
+            let mut events = events.iter();
+            events.try_for_each(|event| batch.insert_event(event, origin).map(drop))
+        });
+        match written {
+            Ok(()) => {
+                lock(&self.runs).written(&runs, events.len());
+                self.alive = Some(Instant::now());
+                self.failed = None;
+                self.metrics.store_problem.set(None);
+            }
+            Err(error) => {
+                drop(store);
+                self.fail(&error);
+            }
+        }
     }
 
     /// Remembers that the database cannot be written.
@@ -452,6 +522,70 @@ pub fn open(path: &Path) -> Result<(Store, Option<PathBuf>), StoreError> {
     Ok((opened.store, opened.set_aside.map(|file| file.path)))
 }
 
+/// Falls of the last day that a radar suspected or confirmed and of which no end is known, the oldest first. A fall is over
+/// when the person rises or a viewer says so; that a program ended and was started anew ends none.
+///
+/// # Errors
+/// A database that cannot be read.
+pub fn open_falls(
+    timeline: &Timeline,
+    origin: &Origin,
+    now_ms: i64,
+) -> Result<Vec<EarlierFall>, StoreError> {
+    let query = EventQuery {
+        from_ms: Some(now_ms.saturating_sub(OPEN_FALL_MS)),
+        kinds: vec![
+            EventKind::Suspected,
+            EventKind::Confirmed,
+            EventKind::Dismissed,
+            EventKind::Recovered,
+        ],
+        ..EventQuery::default()
+    };
+    let (mut events, mut before) = (Vec::new(), None);
+    loop {
+        let page = timeline.events(&query, before, usize::MAX)?;
+        events.extend(page.rows);
+        before = page.next;
+        if before.is_none() {
+            break;
+        }
+    }
+    let is_of_radar = |row: &EventRow| {
+        row.origin.source == origin.source && row.origin.synthetic == origin.synthetic
+    };
+    let mut open: Vec<EarlierFall> = Vec::new();
+    // Pages are newest first.
+    for EventRow { event, .. } in events.into_iter().filter(is_of_radar).rev() {
+        let data = event.data.unwrap_or_default();
+        let Some(fall) = data["fall"].as_u64() else {
+            continue;
+        };
+        match event.kind {
+            EventKind::Suspected => {
+                // Numbers begin anew with every run that had no open fall.
+                open.retain(|known| known.fall != fall);
+                let place_m: Result<[f64; 2], _> = serde_json::from_value(data["place_m"].clone());
+                if let (Some(person), Ok(place_m)) = (event.person, place_m) {
+                    open.push(EarlierFall {
+                        fall,
+                        person,
+                        is_confirmed: false,
+                        age_s: now_ms.saturating_sub(event.at_ms).max(0) as f64 / 1e3,
+                        place_m,
+                    });
+                }
+            }
+            EventKind::Confirmed => {
+                let known = open.iter_mut().filter(|known| known.fall == fall);
+                known.for_each(|known| known.is_confirmed = true);
+            }
+            _ => open.retain(|known| known.fall != fall),
+        }
+    }
+    Ok(open)
+}
+
 /// A panic of another thread while it held the lock leaves a database and a list that are complete.
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
@@ -459,13 +593,62 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_memory::store::{ActivityQuery, EventQuery, Timeline};
+    use radarllm_memory::store::ActivityQuery;
     use radarllm_monitor::messages::About;
-    use radarllm_monitor::rows::EventKind;
 
     use super::*;
 
     const START_MS: i64 = 1_795_455_492_000;
+
+    #[test]
+    fn falls_whose_end_is_unknown_are_open_and_others_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("live.db");
+        let mut store = open(&path).unwrap().0;
+        let origin = bus().about().origin;
+        let other = Origin {
+            source: "another port".into(),
+            ..origin.clone()
+        };
+        let event = |at_s: i64, kind, fall: u64| Event {
+            at_ms: START_MS + at_s * 1_000,
+            kind,
+            person: Some(3),
+            data: Some(serde_json::json!({
+                "fall": fall, "dwell_s": 0.0, "place_m": [0.5, 2.0],
+            })),
+        };
+        use EventKind::{Confirmed, Dismissed, Recovered, Suspected};
+        let day_s = 86_400;
+        let rows = [
+            // Longer ago than a day.
+            (event(-day_s - 10, Suspected, 9), &origin),
+            (event(0, Suspected, 1), &origin),
+            (event(20, Confirmed, 1), &origin),
+            (event(60, Recovered, 1), &origin),
+            (event(100, Suspected, 2), &origin),
+            (event(102, Dismissed, 2), &origin),
+            (event(110, Suspected, 3), &origin),
+            (event(130, Confirmed, 3), &origin),
+            (event(140, Suspected, 4), &origin),
+            (event(150, Suspected, 5), &other),
+        ];
+        store
+            .write(|batch| {
+                let mut rows = rows.iter();
+                rows.try_for_each(|(event, origin)| batch.insert_event(event, origin).map(drop))
+            })
+            .unwrap();
+        let open = open_falls(store.timeline(), &origin, START_MS + 150_000).unwrap();
+        let expected = |fall, is_confirmed, age_s| EarlierFall {
+            fall,
+            person: 3,
+            is_confirmed,
+            age_s,
+            place_m: [0.5, 2.0],
+        };
+        assert_eq!(open, [expected(3, true, 40.0), expected(4, false, 10.0)]);
+    }
 
     fn bus() -> Arc<Bus> {
         Arc::new(Bus::new(About {
@@ -570,6 +753,8 @@ mod tests {
             metrics: Arc::default(),
             known: BTreeMap::new(),
             waiting: Arc::default(),
+            runs: Arc::default(),
+            alive: None,
             failed: None,
             retry: Duration::from_millis(50),
             is_replaced: false,

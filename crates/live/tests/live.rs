@@ -16,10 +16,11 @@ use radarllm::{Captioner, Clutter, DEFAULT_RADAR, Provenance};
 use radarllm_base::SourceInfo;
 use radarllm_io::live::{LiveCounts, LiveEvent, LiveSource};
 use radarllm_live::local_time::now_ms;
+use radarllm_live::room::RoomOptions;
 use radarllm_live::{Input, Live, LiveOptions, Speed, http};
-use radarllm_memory::store::ActivityQuery;
-use radarllm_memory::{Clock, Timeline, ask};
-use radarllm_monitor::rows::ActivityRow;
+use radarllm_memory::store::{ActivityQuery, EventQuery};
+use radarllm_memory::{Clock, Store, Timeline, ask};
+use radarllm_monitor::rows::{ActivityRow, Event, EventKind, Origin};
 
 const DEADLINE: Duration = Duration::from_secs(120);
 
@@ -87,7 +88,7 @@ fn a_replay_has_the_time_of_its_recording() {
         let since_start_ms = row.activity.start_ms - start_ms;
         assert!((0..30_000).contains(&since_start_ms), "{since_start_ms}");
     }
-    let room = Input::room(&radarllm_live::room::RoomOptions::default()).unwrap();
+    let room = Input::room(&RoomOptions::default()).unwrap();
     assert!(room.starting_at(start_ms).is_err());
 }
 
@@ -117,9 +118,13 @@ fn rows_do_not_depend_on_the_speed() {
 
 /// The answer of the server to a request, head and body.
 fn get(live: &Live, path: &str, host: &str) -> String {
+    request(live, "GET", path, host)
+}
+
+fn request(live: &Live, method: &str, path: &str, host: &str) -> String {
     let mut stream = TcpStream::connect(live.address().unwrap()).unwrap();
     stream.set_read_timeout(Some(DEADLINE)).unwrap();
-    let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    let request = format!("{method} {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).unwrap();
     let mut answer = String::new();
     stream.read_to_string(&mut answer).unwrap();
@@ -162,6 +167,59 @@ fn an_open_address_wants_a_token_and_names_are_checked() {
         ..options(None)
     };
     assert!(start(named).contains("a to z"));
+}
+
+#[test]
+fn a_fall_of_the_run_before_is_open_until_somebody_says_otherwise() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("live.db");
+    let origin = Origin {
+        source: "sim:".into(),
+        radar: DEFAULT_RADAR.into(),
+        model: "none".into(),
+        decoder: "none".into(),
+        version: "0".into(),
+        synthetic: true,
+    };
+    let event = |kind, age_s: i64| Event {
+        at_ms: now_ms() - age_s * 1_000,
+        kind,
+        person: Some(2),
+        data: Some(serde_json::json!({ "fall": 3, "dwell_s": 0.0, "place_m": [0.0, 7.0] })),
+    };
+    let mut store = Store::open(&database, now_ms()).unwrap().store;
+    let written = store.write(|batch| {
+        batch.insert_event(&event(EventKind::Suspected, 60), &origin)?;
+        batch.insert_event(&event(EventKind::Confirmed, 40), &origin)
+    });
+    written.unwrap();
+    drop(store);
+    let input = Input::room(&RoomOptions::default()).unwrap();
+    let captioner = Captioner::bundled().unwrap();
+    let live = Live::start(input, captioner, options(Some(&database))).unwrap();
+    let host = live.address().unwrap().to_string();
+    let is_open = || {
+        let state = get(&live, "/api/state", &host);
+        assert!(!state.contains("\"absent\""), "{state}");
+        state.contains(r#""id":3,"state":"confirmed","person":2"#)
+    };
+    assert!(is_open());
+    let answer = request(&live, "POST", "/api/falls/3/acknowledge", &host);
+    assert!(answer.starts_with("HTTP/1.1 202"), "{answer}");
+    wait_until("the fall ends", || !is_open());
+    drop(live);
+    let timeline = Timeline::open(&database).unwrap();
+    let query = EventQuery {
+        kinds: vec![EventKind::Recovered],
+        ..EventQuery::default()
+    };
+    let ended = timeline.events(&query, None, 10).unwrap().rows;
+    assert_eq!(ended.len(), 1);
+    let data = ended[0].event.data.clone().unwrap();
+    assert_eq!(
+        (&data["fall"], &data["acknowledged"]),
+        (&3.into(), &true.into())
+    );
 }
 
 /// A radar whose driver has a bug.

@@ -117,6 +117,29 @@ pub fn actions_of(caption: &str) -> Vec<String> {
     first.map(|action| action.name.to_string()).collect()
 }
 
+/// Measured actions of a window with the changes of posture between them: who walks or stands after sitting or lying has got
+/// up, and who sits or lies afterwards has sat or lain down, unless by a fall. `before` are the measured actions of the
+/// window before: windows overlap, so that a change is between two of them only if the first action of the later one is
+/// none of the earlier one.
+fn with_changes(before: &[String], actions: Vec<String>) -> Vec<String> {
+    let is_up = |action: &str| ["walk", "pace", "stand_still"].contains(&action);
+    let is_new = actions.first().is_some_and(|first| !before.contains(first));
+    let mut last = before.last().filter(|_| is_new).cloned();
+    let mut all: Vec<String> = Vec::with_capacity(actions.len());
+    for action in actions {
+        let change = match (last.as_deref(), action.as_str()) {
+            (Some("sit_still" | "lie_still"), now) if is_up(now) => Some("stand_up"),
+            (Some(before), "sit_still") if is_up(before) => Some("sit_down"),
+            (Some(before), "lie_still") if is_up(before) => Some("lie_down"),
+            _ => None,
+        };
+        all.extend(change.map(String::from));
+        last = Some(action.clone());
+        all.push(action);
+    }
+    all
+}
+
 /// What somebody does now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Label {
@@ -218,6 +241,8 @@ struct Person {
     last: Option<String>,
     /// The published action, and the end of the last window that confirmed it.
     published: Option<(String, f64)>,
+    /// The measured actions of the last window that had some.
+    measured: Vec<String>,
 }
 
 /// An action in windows of which at most [`BRIDGED`] in succession do not state it.
@@ -286,6 +311,26 @@ impl Activities {
             .filter(|run| run.n_missing == 0 && run.goes_on());
         rows.extend(grown.filter_map(|run| run.report(reading.person, true, options, n_rows)));
         rows
+    }
+
+    /// Adds the changes of posture to the actions of the next window of a person, and to those of them that are measured.
+    /// The window is pushed afterwards.
+    pub fn add_changes(
+        &mut self,
+        person: u32,
+        actions: Vec<String>,
+        measured: &mut Vec<String>,
+    ) -> Vec<String> {
+        if measured.is_empty() {
+            return actions;
+        }
+        let known = self.people.entry(person).or_default();
+        let before = std::mem::replace(&mut known.measured, actions.clone());
+        let stated = actions.clone();
+        let all = with_changes(&before, actions);
+        let added = all.iter().filter(|action| !stated.contains(action));
+        measured.extend(added.cloned());
+        all
     }
 
     /// Somebody has another number from now on, as after a track was lost: what the person does goes on. Rows of a former
@@ -569,6 +614,70 @@ mod tests {
 
     fn span(action: &str, start_s: f64, end_s: f64, n_windows: u32) -> (String, f64, f64, u32) {
         (action.to_string(), start_s, end_s, n_windows)
+    }
+
+    fn words(actions: &[&str]) -> Vec<String> {
+        actions.iter().map(|action| (*action).into()).collect()
+    }
+
+    #[test]
+    fn changes_of_measured_postures_are_actions() {
+        let of = |actions: &[&str]| with_changes(&[], words(actions));
+        let day = ["walk", "sit_still", "pace", "lie_still", "stand_still"];
+        let expected = [
+            "walk",
+            "sit_down",
+            "sit_still",
+            "stand_up",
+            "pace",
+            "lie_down",
+            "lie_still",
+            "stand_up",
+            "stand_still",
+        ];
+        assert_eq!(of(&day), expected);
+        // A fall is no lying down, and a pause no change.
+        assert_eq!(
+            of(&["walk", "fall", "lie_still"]),
+            ["walk", "fall", "lie_still"]
+        );
+        assert_eq!(
+            of(&["walk", "stand_still", "walk"]),
+            ["walk", "stand_still", "walk"]
+        );
+    }
+
+    #[test]
+    fn changes_between_windows_are_those_of_one_person() {
+        let mut activities = Activities::new(ActivityOptions::default()).unwrap();
+        let next = |activities: &mut Activities, person: u32, actions: &[&str]| {
+            let mut measured = words(actions);
+            let all = activities.add_changes(person, words(actions), &mut measured);
+            assert!(all.iter().all(|action| measured.contains(action)));
+            all
+        };
+        assert_eq!(next(&mut activities, 1, &["sit_still"]), ["sit_still"]);
+        assert_eq!(next(&mut activities, 1, &["walk"]), ["stand_up", "walk"]);
+        assert_eq!(next(&mut activities, 1, &["walk"]), ["walk"]);
+        // Overlapping windows repeat what they show.
+        let both = ["walk", "sit_down", "sit_still"];
+        for _ in 0..2 {
+            assert_eq!(next(&mut activities, 1, &["walk", "sit_still"]), both);
+        }
+        // Another person, and the same one with another number.
+        assert_eq!(next(&mut activities, 2, &["walk"]), ["walk"]);
+        activities.rename(1, 3);
+        assert_eq!(
+            next(&mut activities, 3, &["stand_still"]),
+            ["stand_up", "stand_still"]
+        );
+        // Who was not tracked any more is unknown, and what is not measured changes nothing.
+        next(&mut activities, 3, &["sit_still"]);
+        activities.end_person(3);
+        assert_eq!(next(&mut activities, 3, &["walk"]), ["walk"]);
+        let actions = words(&["sit_still"]);
+        let kept = activities.add_changes(3, actions.clone(), &mut Vec::new());
+        assert_eq!(kept, actions);
     }
 
     #[test]

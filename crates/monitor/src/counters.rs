@@ -1,7 +1,7 @@
 //! Counters of frames and windows.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// What happened to frames and windows so far. All methods may be called from any thread.
@@ -25,6 +25,8 @@ pub struct Counters {
     pub describe_ns: Counter,
     /// Why the model could not describe the newest window.
     pub model_problem: Problem,
+    /// What was learnt of the empty room, in words, once it is known.
+    pub room_learnt: OnceLock<String>,
 }
 
 impl Counters {

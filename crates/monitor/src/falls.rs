@@ -9,9 +9,11 @@
 //! | – | suspected | the height was below 0.7 m, within 1.5 s after it was above 1.0 m, and has been unknown for 0.5 s since |
 //! | – | suspected | the model says `fall`, and the height is below 0.7 m |
 //! | – | suspected | a fall was measured by the board's tracks or the points of the person (`radarllm-measure`) |
-//! | suspected | dismissed | the person rose: the height was above 0.9 m for 1 s, or the person left through a door |
+//! | suspected | dismissed | the person is up, or left through a door |
 //! | suspected | confirmed | `fall_dwell_s` have passed |
-//! | confirmed | recovered | the person rose |
+//! | confirmed | recovered | the person is up, or left through a door |
+//!
+//! Somebody is **up** whose height was above 0.9 m for 1 s, or who walked: 1.5 m within 3 s, mostly above 0.6 m.
 //!
 //! Whoever is unseen counts as down, because a person who lies has 0 to 6 points a frame. For the same reason many who
 //! fall are not seen any more before they are seen below `fall_height_m`, most of all by a radar that is high up. A person
@@ -19,12 +21,18 @@
 //! lies unseen is that person. Points of a helper who bends over somebody may count as those of the fallen person, who
 //! then seems to rise.
 //!
+//! A tracker may also give the number of somebody who lies unseen to somebody else who passes. Where two people were seen at
+//! once, or somebody came in by a door, whoever is up must therefore have become so within 1.5 m of where the person was last
+//! down; otherwise the number is another person's from then on. Where one person was alone, that person may get up
+//! unseen and be tracked elsewhere: the fall ends when one person alone was up for 20 s, which is longer than somebody
+//! needs who looks in.
+//!
 //! Heights and times are from falls of the simulator. `docs/results/falls.md` has recall, delay and false alarms for other
 //! simulated falls and for recordings without falls; nobody has fallen in front of a real radar for it.
 
 use std::collections::{BTreeMap, VecDeque};
 
-use radarllm_base::stats::quantile_linear;
+use radarllm_base::stats::{median_upper, quantile_linear};
 
 use crate::options::{OptionError, has_passed, is_over, within};
 use crate::people::PersonFrame;
@@ -51,6 +59,24 @@ pub(crate) const RISEN_M: f64 = 0.9;
 const RISE_S: f64 = 1.0;
 /// Longest time without a height within [`RISE_S`], s: that of a few frames with too few points.
 const RISE_GAP_S: f64 = 0.5;
+/// Time within which somebody walks so far, m, and the height above which the person mostly is meanwhile, m: who crawls is
+/// slower or lower. Where the height of the radar is assumed, nobody may seem to be above [`RISEN_M`].
+const WALK_S: f64 = 3.0;
+const WALK_M: f64 = 1.5;
+const WALK_HEIGHT_M: f64 = 0.6;
+/// A track that moves farther from one frame to the next than this, m and m/s, jumps: nobody walks so fast in a room.
+const JUMP_M: f64 = 0.2;
+const JUMP_MPS: f64 = 3.0;
+/// Largest distance from where somebody was last down to where the same number rises, m: a body is 1.7 m long.
+const RISE_PLACE_M: f64 = 1.5;
+/// Time for which the only person of a room must be up before a fall elsewhere ends, s, and the longest time between parts of
+/// it, s. A visitor who looks in is not longer in sight.
+const ALONE_UP_S: f64 = 20.0;
+const ALONE_GAP_S: f64 = 30.0;
+/// Time for which two people are seen at once before somebody has company, s: noise is shorter.
+const COMPANY_S: f64 = 1.0;
+/// Time after which company that was not seen any more before a fall has gone, s.
+const COMPANY_MEMORY_S: f64 = 600.0;
 /// Height below which the model's word `fall` counts, m, and below which a person who is not seen any more has fallen.
 pub(crate) const SUNK_M: f64 = 0.7;
 /// Time without a height after which a person is not seen any more, s.
@@ -167,14 +193,38 @@ pub struct Fall {
     pub since_s: f64,
     /// Where the person fell, m.
     pub place_m: [f64; 2],
-    rise: Option<Rise>,
+    /// Where the person was last seen down, m.
+    down_m: [f64; 2],
+    /// Whether the number is not that of the person any more: another one has it, or the program was started anew.
+    is_renumbered: bool,
+    /// Whether others may be in the room.
+    has_company: bool,
+    /// For how long one person alone has been up since, s, and when last.
+    alone_up_s: f64,
+    alone_up_at_s: f64,
 }
 
-/// A height above [`RISEN_M`] from one time to another.
+/// A fall of which another run of the program knew when it ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EarlierFall {
+    /// Number of the fall.
+    pub fall: u64,
+    /// Number that the person had.
+    pub person: u32,
+    /// Whether it is confirmed, or only suspected.
+    pub is_confirmed: bool,
+    /// Time since it was suspected, s.
+    pub age_s: f64,
+    /// Where the person fell, m.
+    pub place_m: [f64; 2],
+}
+
+/// A height above [`RISEN_M`] from one time to another, and where it began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rise {
     since_s: f64,
     until_s: f64,
+    from_m: [f64; 2],
 }
 
 /// Watches for falls, frame by frame.
@@ -185,7 +235,13 @@ pub struct FallMonitor {
     radar_height_m: f64,
     zones: Zones,
     now_s: f64,
+    /// Whether a frame was pushed.
+    has_begun: bool,
     bodies: BTreeMap<u32, Body>,
+    /// Since when two people are seen at once, and until when, s.
+    together_s: Option<[f64; 2]>,
+    /// When somebody last had company, s.
+    company_s: Option<f64>,
     open: Vec<Fall>,
     n_falls: u64,
     /// Largest number of a person so far.
@@ -212,6 +268,8 @@ struct Body {
     /// A user ended a fall of this person, who has not risen since. Whoever is down cannot fall.
     must_rise: bool,
     rise: Option<Rise>,
+    /// Times, places and heights of the last [`WALK_S`] in which the person was seen.
+    path: VecDeque<(f64, [f64; 2], Option<f64>)>,
 }
 
 impl FallMonitor {
@@ -236,7 +294,10 @@ impl FallMonitor {
             radar_height_m,
             zones,
             now_s: 0.0,
+            has_begun: false,
             bodies: BTreeMap::new(),
+            together_s: None,
+            company_s: None,
             open: Vec::new(),
             n_falls: 0,
             newest: None,
@@ -266,8 +327,15 @@ impl FallMonitor {
         if !t_s.is_finite() {
             return Vec::new();
         }
+        let before_s = self.now_s;
         self.now_s = self.now_s.max(t_s);
+        if !std::mem::replace(&mut self.has_begun, true) {
+            // Times of earlier falls are relative to the first frame.
+            let open = self.open.iter_mut();
+            open.for_each(|fall| fall.since_s += self.now_s);
+        }
         let (now_s, floor_m) = (self.now_s, -self.radar_height_m);
+        self.meet(people, left);
         for body in self.bodies.values_mut() {
             body.height_m = None;
         }
@@ -291,7 +359,12 @@ impl FallMonitor {
             }
         }
         let mut events = self.suspect();
-        self.follow(left, &mut events);
+        let mut counting = people.iter().filter(|one| self.zones.counts(one.place_m));
+        let alone = match (counting.next(), counting.next()) {
+            (Some(one), None) => Some(one.person),
+            _ => None,
+        };
+        self.follow(left, alone, now_s - before_s, &mut events);
         self.bodies
             .retain(|_, body| !is_over(body.tracked_s, now_s, MEMORY_S));
         self.acknowledged
@@ -345,8 +418,71 @@ impl FallMonitor {
         true
     }
 
+    /// Takes falls over that an earlier run of the program knew and that have not ended: nobody has risen because a program
+    /// was started anew. To be called before the first frame.
+    pub fn restore(&mut self, falls: &[EarlierFall]) {
+        for earlier in falls {
+            if self.open.len() >= MAX_OPEN {
+                self.open.remove(0);
+            }
+            self.n_falls = self.n_falls.max(earlier.fall);
+            self.open.push(Fall {
+                fall: earlier.fall,
+                person: earlier.person,
+                is_confirmed: earlier.is_confirmed,
+                since_s: self.now_s - earlier.age_s,
+                place_m: earlier.place_m,
+                down_m: earlier.place_m,
+                is_renumbered: true,
+                has_company: false,
+                alone_up_s: 0.0,
+                alone_up_at_s: self.now_s,
+            });
+        }
+    }
+
     fn is_open(&self, person: u32) -> bool {
-        self.open.iter().any(|fall| fall.person == person)
+        self.open
+            .iter()
+            .any(|fall| fall.tracked_as() == Some(person))
+    }
+
+    /// Remembers whether people have company.
+    fn meet(&mut self, people: &[PersonFrame], left: &[u32]) {
+        let now_s = self.now_s;
+        if !left.is_empty() {
+            self.company_s = self.company_s.filter(|_| people.len() > 1);
+            for fall in &mut self.open {
+                let is_other = |one: &u32| fall.tracked_as() != Some(*one);
+                let others_stay = people.iter().any(|one| is_other(&one.person));
+                fall.has_company &= others_stay || !left.iter().any(is_other);
+            }
+        }
+        let is_seen = |one: &&PersonFrame| {
+            (!one.points.is_empty() || one.board.is_some()) && self.zones.counts(one.place_m)
+        };
+        let n_seen = people.iter().filter(is_seen).count();
+        let together_s = self.together_s.take();
+        self.together_s = together_s.filter(|[_, until_s]| !is_over(*until_s, now_s, RISE_GAP_S));
+        if n_seen > 1 {
+            let since_s = self.together_s.map_or(now_s, |[since_s, _]| since_s);
+            self.together_s = Some([since_s, now_s]);
+            if has_passed(since_s, now_s, COMPANY_S) {
+                self.company_s = Some(now_s);
+            }
+        }
+        // Whoever appears in a door comes in.
+        let is_entry = |one: &PersonFrame| {
+            self.newest.is_none_or(|n| one.person > n) && self.zones.is_door(one.place_m)
+        };
+        if !self.open.is_empty() && people.iter().any(is_entry) {
+            self.company_s = Some(now_s);
+        }
+        if self.company_s == Some(now_s) {
+            self.open
+                .iter_mut()
+                .for_each(|fall| fall.has_company = true);
+        }
     }
 
     /// A new person who appears where somebody lies unseen is that person.
@@ -356,12 +492,16 @@ impl FallMonitor {
         }
         self.newest = Some(one.person);
         let is_unseen_here = |fall: &Fall| {
-            is_near(fall.place_m, one.place_m) && people.iter().all(|p| p.person != fall.person)
+            let is_there = |p: &PersonFrame| {
+                fall.tracked_as() == Some(p.person)
+                    && is_within(fall.down_m, p.place_m, RISE_PLACE_M)
+            };
+            is_near(fall.down_m, one.place_m) && !people.iter().any(is_there)
         };
         let mut near = self.open.iter_mut().filter(|fall| is_unseen_here(fall));
         if let (Some(fall), None) = (near.next(), near.next()) {
             fall.person = one.person;
-            fall.rise = None;
+            fall.is_renumbered = false;
         }
     }
 
@@ -393,16 +533,23 @@ impl FallMonitor {
     fn begin(&mut self, person: u32, place_m: [f64; 2]) -> FallEvent {
         self.n_falls += 1;
         if let Some(body) = self.bodies.get_mut(&person) {
-            // One suspicion for every time the person was up.
+            // One suspicion for every time the person was up, which was before.
             body.high_s = None;
+            body.rise = None;
+            body.path.clear();
         }
+        let is_company = |at_s: f64| !is_over(at_s, self.now_s, COMPANY_MEMORY_S);
         let fall = Fall {
             fall: self.n_falls,
             person,
             is_confirmed: false,
             since_s: self.now_s,
             place_m,
-            rise: None,
+            down_m: place_m,
+            is_renumbered: false,
+            has_company: self.company_s.is_some_and(is_company),
+            alone_up_s: 0.0,
+            alone_up_at_s: self.now_s,
         };
         let event = fall.event(FallState::Suspected, self.now_s);
         if self.open.len() >= MAX_OPEN {
@@ -412,17 +559,36 @@ impl FallMonitor {
         event
     }
 
-    /// Confirms falls and ends them.
-    fn follow(&mut self, left: &[u32], events: &mut Vec<FallEvent>) {
+    /// Confirms falls and ends them. `alone` is the only person of this frame, `passed_s` the time since the last one.
+    fn follow(
+        &mut self,
+        left: &[u32],
+        alone: Option<u32>,
+        passed_s: f64,
+        events: &mut Vec<FallEvent>,
+    ) {
         let (now_s, bodies, zones) = (self.now_s, &mut self.bodies, &self.zones);
         let dwell_s = self.options.fall_dwell_s;
+        let only = alone.and_then(|person| bodies.get(&person));
+        let is_only_up = only.is_some_and(|body| body.up_m(now_s).is_some());
+        let up_s = passed_s.min(RISE_GAP_S);
         self.open.retain_mut(|fall| {
-            let body = bodies.get_mut(&fall.person);
-            let height_m = body.as_ref().and_then(|body| body.height_m);
-            fall.rise = Rise::next(fall.rise, height_m, now_s);
+            let tracked = fall.tracked_as();
+            let body = tracked.and_then(|person| bodies.get_mut(&person));
+            let up_m = body.as_ref().and_then(|body| body.up_m(now_s));
+            let is_up_here = up_m.is_some_and(|places_m| fall.may_rise_at(places_m));
+            if up_m.is_some() && !is_up_here {
+                // Somebody else, who was given the number of the person who lies.
+                fall.is_renumbered = true;
+            } else if let Some(body) = &body
+                && body.is_low_at(now_s)
+            {
+                fall.down_m = body.place_m;
+            }
             // Whoever fell in a door disappears there without having left.
-            let has_left = left.contains(&fall.person) && !zones.is_door(fall.place_m);
-            if fall.rise.is_some_and(|rise| rise.is_complete()) || has_left {
+            let has_left =
+                tracked.is_some_and(|one| left.contains(&one)) && !zones.is_door(fall.place_m);
+            if is_up_here || has_left || fall.is_over_by_only(is_only_up, up_s, now_s) {
                 let state = match fall.is_confirmed {
                     true => FallState::Recovered,
                     false => FallState::Dismissed,
@@ -443,6 +609,30 @@ impl FallMonitor {
 }
 
 impl Fall {
+    /// Number under which the person may be tracked; `None` if that number is another person's.
+    pub fn tracked_as(&self) -> Option<u32> {
+        (!self.is_renumbered).then_some(self.person)
+    }
+
+    /// Whether whoever has the number of the person, and was at these places when getting up, is the person.
+    fn may_rise_at(&self, places_m: [[f64; 2]; 2]) -> bool {
+        let is_here = |place_m| is_within(self.down_m, place_m, RISE_PLACE_M);
+        !self.has_company || places_m.into_iter().all(is_here)
+    }
+
+    /// Whether one person alone has been up for so long that it is the one who fell. `is_up` tells whether one person alone
+    /// is up in this frame, `up_s` for how long since the last one.
+    fn is_over_by_only(&mut self, is_up: bool, up_s: f64, now_s: f64) -> bool {
+        if self.has_company || is_over(self.alone_up_at_s, now_s, ALONE_GAP_S) {
+            self.alone_up_s = 0.0;
+        }
+        if is_up && !self.has_company {
+            self.alone_up_s += up_s;
+            self.alone_up_at_s = now_s;
+        }
+        has_passed(0.0, self.alone_up_s, ALONE_UP_S)
+    }
+
     fn event(&self, state: FallState, now_s: f64) -> FallEvent {
         FallEvent {
             fall: self.fall,
@@ -457,12 +647,18 @@ impl Fall {
 
 impl Rise {
     /// The rise after the height in the next frame.
-    fn next(rise: Option<Self>, height_m: Option<f64>, now_s: f64) -> Option<Self> {
+    fn next(
+        rise: Option<Self>,
+        height_m: Option<f64>,
+        now_s: f64,
+        place_m: [f64; 2],
+    ) -> Option<Self> {
         let rise = rise.filter(|rise| !is_over(rise.until_s, now_s, RISE_GAP_S));
         match height_m {
             Some(h) if h > RISEN_M => Some(Self {
                 since_s: rise.map_or(now_s, |rise| rise.since_s),
                 until_s: now_s,
+                from_m: rise.map_or(place_m, |rise| rise.from_m),
             }),
             Some(_) => None,
             None => rise,
@@ -476,8 +672,13 @@ impl Rise {
 
 /// Whether two places may be of the same person.
 fn is_near(a_m: [f64; 2], b_m: [f64; 2]) -> bool {
+    is_within(a_m, b_m, SAME_PLACE_M)
+}
+
+/// Whether two places are not farther apart than a distance, m.
+fn is_within(a_m: [f64; 2], b_m: [f64; 2], distance_m: f64) -> bool {
     let [dx, dy] = [0, 1].map(|i| a_m[i] - b_m[i]);
-    dx.hypot(dy) <= SAME_PLACE_M
+    dx.hypot(dy) <= distance_m
 }
 
 impl Body {
@@ -493,7 +694,34 @@ impl Body {
             ended_s: None,
             must_rise,
             rise: None,
+            path: VecDeque::new(),
         }
+    }
+
+    /// Where the person, who is up, began to be so and is, or began to walk. The estimate of a track that was given to
+    /// somebody else arrives there within a second.
+    fn up_m(&self, now_s: f64) -> Option<[[f64; 2]; 2]> {
+        let is_now = |rise: &Rise| rise.is_complete() && !is_over(rise.until_s, now_s, RISE_GAP_S);
+        let rise = self.rise.filter(is_now);
+        let places_m = rise.map(|rise| [rise.from_m, self.place_m]);
+        places_m.or_else(|| self.walks_from_m(now_s).map(|from_m| [from_m; 2]))
+    }
+
+    /// Where the person was at the beginning of the last [`WALK_S`], who walks.
+    fn walks_from_m(&self, now_s: f64) -> Option<[f64; 2]> {
+        let ((_, from_m, _), (at_s, to_m, _)) = self.path.front().zip(self.path.back())?;
+        let heights = self.path.iter().filter_map(|(_, _, height_m)| *height_m);
+        let middle_m = median_upper(heights)?;
+        let walks = middle_m > WALK_HEIGHT_M
+            && !is_within(*from_m, *to_m, WALK_M)
+            && !is_over(*at_s, now_s, RISE_GAP_S);
+        walks.then_some(*from_m)
+    }
+
+    /// Whether the height in a frame is that of somebody who is down.
+    fn is_low_at(&self, now_s: f64) -> bool {
+        self.last
+            .is_some_and(|(height_m, at_s)| at_s == now_s && height_m < SUNK_M)
     }
 
     /// Whether the height was below [`SUNK_M`] soon after [`HIGH_M`], and has been unknown since.
@@ -523,9 +751,21 @@ impl Body {
         if let Some(h) = self.height_m {
             self.last = Some((h, now_s));
         }
-        if self.must_rise {
-            self.rise = Rise::next(self.rise, self.height_m, now_s);
-            self.must_rise = !self.rise.is_some_and(|rise| rise.is_complete());
+        self.rise = Rise::next(self.rise, self.height_m, now_s, one.place_m);
+        self.must_rise &= !self.rise.is_some_and(|rise| rise.is_complete());
+        // A walk is seen all the way. Where the tracker only expects somebody, it may go on with somebody else.
+        let reach_m = JUMP_M + JUMP_MPS * (now_s - self.tracked_s);
+        let is_gap = |(at_s, ..): &(f64, [f64; 2], Option<f64>)| is_over(*at_s, now_s, RISE_GAP_S);
+        if !is_within(self.place_m, one.place_m, reach_m) || self.path.back().is_some_and(is_gap) {
+            self.path.clear();
+        }
+        if !one.points.is_empty() || one.board.is_some() {
+            self.path.push_back((now_s, one.place_m, self.height_m));
+        }
+        while let Some((at_s, ..)) = self.path.front()
+            && is_over(*at_s, now_s, WALK_S)
+        {
+            self.path.pop_front();
         }
         self.place_m = one.place_m;
         self.tracked_s = now_s;
@@ -901,6 +1141,148 @@ mod tests {
         assert_eq!(found, [(up + 10, FallState::Recovered)]);
         // The event speaks of the new number.
         assert!(scene.monitor.open().is_empty());
+    }
+
+    /// Somebody of 1.5 m at a place.
+    fn upright(number: u32, place_m: [f64; 2]) -> PersonFrame {
+        person(number, place_m, 1.5 - RADAR_M as f32)
+    }
+
+    #[test]
+    fn the_only_person_who_is_up_elsewhere_for_long_has_risen_but_a_visitor_is_somebody_else() {
+        let mut scene = Scene::new();
+        scene.fall();
+        assert_eq!(scene.frames(&[], 250).len(), 1);
+        // 2.5 m away, twice for less than 20 s, with more than 30 s between.
+        let elsewhere = [0.0, 4.5];
+        assert!(scene.frames(&[upright(2, elsewhere)], 150).is_empty());
+        assert!(scene.frames(&[], 320).is_empty());
+        assert!(scene.frames(&[upright(3, elsewhere)], 150).is_empty());
+        assert!(scene.frames(&[], 320).is_empty());
+        // Up after 1 s, and for 20 s from this frame on, which counts itself.
+        let up = scene.frame;
+        let found = scene.frames(&[upright(4, elsewhere)], 250);
+        assert_eq!(found, [(up + 209, FallState::Recovered)]);
+        // The same for somebody who came in by a door.
+        let door = rectangle(ZoneKind::Door, [-0.5, 4.0], [0.5, 5.0]);
+        let mut scene = Scene::with(vec![door]);
+        scene.fall();
+        assert_eq!(scene.frames(&[], 250).len(), 1);
+        assert!(scene.frames(&[upright(2, elsewhere)], 600).is_empty());
+        // When the visitor has left, the person gets up elsewhere.
+        scene.push(&[], &[2]);
+        scene.frames(&[], 20);
+        let up = scene.frame;
+        let found = scene.frames(&[upright(3, [1.5, 3.0])], 250);
+        assert_eq!(found, [(up + 209, FallState::Recovered)]);
+    }
+
+    #[test]
+    fn with_others_only_who_rises_at_the_place_of_the_fall_ends_it() {
+        let other = |number: u32| upright(number, [-1.8, 2.0]);
+        let mut scene = Scene::new();
+        scene.frames(&[at_height(1, 1.5), other(2)], 20);
+        let found = scene.frames(&[at_height(1, 0.2), other(2)], 5);
+        assert_eq!(found, [(23, FallState::Suspected)]);
+        // The tracker gives the number of the person who lies to the other one.
+        let found = scene.frames(&[other(1)], 250);
+        assert_eq!(found, [(223, FallState::Confirmed)]);
+        assert_eq!(scene.monitor.open()[0].tracked_as(), None);
+        // That one may fall, too.
+        scene.frames(&[other(1)], 3);
+        let lies = person(1, [-1.8, 2.0], 0.2 - RADAR_M as f32);
+        let found = scene.frames(&[lies.clone()], 5);
+        assert_eq!(found.len(), 1);
+        assert_eq!(scene.monitor.open().len(), 2);
+        // Whoever rises where the first one lies is the first one.
+        let up = scene.frame;
+        let found = scene.frames(&[lies, at_height(3, 1.5)], 30);
+        assert_eq!(found, [(up + 10, FallState::Recovered)]);
+        assert_eq!(scene.monitor.open()[0].tracked_as(), Some(1));
+    }
+
+    /// As the tracker did it in a scene of two people: the estimate of somebody who lies unseen goes over to somebody who
+    /// passes 1.7 m away.
+    #[test]
+    fn a_track_that_goes_over_to_somebody_else_has_not_risen() {
+        let other = |y_m: f64| upright(2, [-1.65, y_m]);
+        let mut scene = Scene::new();
+        scene.frames(&[at_height(1, 1.5), other(4.0)], 20);
+        let found = scene.frames(&[at_height(1, 0.2), other(3.0)], 5);
+        assert_eq!(found, [(23, FallState::Suspected)]);
+        scene.frames(&[unseen(1, PLACE), other(2.0)], 10);
+        let mut found = Vec::new();
+        for x_m in [
+            -0.8, -1.1, -1.3, -1.4, -1.5, -1.55, -1.6, -1.6, -1.65, -1.65,
+        ] {
+            found.extend(scene.push(&[upright(1, [x_m, 2.0])], &[]));
+        }
+        assert!(found.is_empty(), "{found:?}");
+        let found = scene.frames(&[upright(1, [-1.65, 2.0])], 100);
+        assert!(found.is_empty(), "{found:?}");
+        assert_eq!(scene.monitor.open()[0].tracked_as(), None);
+    }
+
+    #[test]
+    fn who_walks_has_risen_also_where_the_heights_are_too_small() {
+        // Steps of 5 cm at 10 Hz: 1.5 m within 3 s. At a height of 0.7 m, then of somebody who crawls, then more slowly.
+        let walk = |height_m: f32, step_m: f64| {
+            let mut scene = Scene::new();
+            scene.fall();
+            let mut found = Vec::new();
+            let began = scene.frame;
+            for n in 1..=60_u32 {
+                let place_m = [0.0, PLACE[1] + step_m * f64::from(n)];
+                let one = person(1, place_m, height_m - RADAR_M as f32);
+                let states = scene.push(&[one], &[]);
+                found.extend(
+                    states
+                        .iter()
+                        .map(|event| (scene.frame - 1 - began, event.state)),
+                );
+            }
+            found
+        };
+        let found = walk(0.7, 0.055);
+        assert!(
+            matches!(found[..], [(at, FallState::Dismissed)] if (25..=31).contains(&at)),
+            "{found:?}"
+        );
+        assert!(walk(0.5, 0.055).is_empty());
+        assert!(walk(0.7, 0.03).is_empty());
+    }
+
+    #[test]
+    fn falls_of_an_earlier_run_stay_open_until_somebody_rises_there() {
+        let earlier = |fall, is_confirmed, age_s| EarlierFall {
+            fall,
+            person: 7,
+            is_confirmed,
+            age_s,
+            place_m: PLACE,
+        };
+        // The first frame of this run is at a time of its own.
+        let mut monitor = Scene::new().monitor;
+        monitor.restore(&[earlier(3, true, 60.0)]);
+        assert!(monitor.has_fallen());
+        assert!(monitor.push(5_000.0, &[], &[]).is_empty());
+        assert_eq!(monitor.open()[0].since_s, 4_940.0);
+        // One that was suspected is confirmed when the dwell has passed.
+        let mut scene = Scene::new();
+        scene.monitor.restore(&[earlier(5, false, 10.0)]);
+        assert_eq!(scene.frames(&[], 150), [(100, FallState::Confirmed)]);
+        // Numbers begin anew, and the next fall has a number of its own.
+        let up = scene.frame;
+        let found = scene.frames(&[at_height(1, 1.5)], 11);
+        assert_eq!(found, [(up + 10, FallState::Recovered)]);
+        scene.frames(&[], 3);
+        scene.fall();
+        assert_eq!(scene.monitor.open()[0].fall, 6);
+        // A user may end it as any other.
+        let mut scene = Scene::new();
+        scene.monitor.restore(&[earlier(3, true, 60.0)]);
+        scene.frames(&[], 5);
+        assert!(scene.monitor.acknowledge(3) && scene.monitor.open().is_empty());
     }
 
     #[test]

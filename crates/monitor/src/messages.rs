@@ -235,6 +235,9 @@ pub struct Fall {
     pub person: Option<u32>,
     /// Time since the person went down, s.
     pub dwell_s: f64,
+    /// Whether a viewer ended it. Members of falls that nobody acknowledged do not have it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub acknowledged: bool,
     /// Whether the radar is simulated.
     pub synthetic: bool,
 }
@@ -314,6 +317,7 @@ mod tests {
             state: FallState::Confirmed,
             person: Some(1),
             dwell_s: 20.0,
+            acknowledged: false,
             synthetic: true,
         });
         let message = Message {

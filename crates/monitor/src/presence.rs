@@ -8,6 +8,7 @@
 //! | absent | held | points of somebody stay together, though nobody can be tracked |
 //! | held | absent | `occupancy_hold_s` have passed since nobody is tracked |
 //! | present | absent | everybody left through a door |
+//! | any | held | somebody fell, has not risen and is not tracked |
 //!
 //! A person who sits still has no points, and the tracker forgets the person; this is why occupancy is held. Of each
 //! person who disappeared it is known whether it was in a door. Whoever appears outside of the doors is one of those who
@@ -92,6 +93,8 @@ pub struct PresenceUpdate {
     pub n_tracked: usize,
     /// Number of people who are held: they disappeared elsewhere than in a door.
     pub n_held: usize,
+    /// Number of these who fell and have not risen.
+    pub n_fallen: usize,
     /// People who have just left through a door.
     pub left: Vec<u32>,
 }
@@ -105,6 +108,18 @@ pub struct PresenceMonitor {
     now_s: f64,
     inside: BTreeMap<u32, Inside>,
     missing: Vec<Missing>,
+    fallen: Vec<Fallen>,
+}
+
+/// Somebody who fell and has not risen.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fallen {
+    /// Number of the fall.
+    pub fall: u64,
+    /// Number under which the person may be tracked, if there is one.
+    pub person: Option<u32>,
+    /// Where the person fell, m.
+    pub place_m: [f64; 2],
 }
 
 /// A person who is tracked and counts.
@@ -118,7 +133,10 @@ struct Inside {
 /// A person who disappeared, but not in a door.
 #[derive(Clone, Copy, Debug)]
 struct Missing {
-    person: u32,
+    /// Number of the track that the person had, if it had one.
+    person: Option<u32>,
+    /// Number of the fall after which the person lies.
+    fall: Option<u64>,
     since_s: f64,
     seen_m: [f64; 2],
 }
@@ -137,6 +155,7 @@ impl PresenceMonitor {
             now_s: 0.0,
             inside: BTreeMap::new(),
             missing: Vec::new(),
+            fallen: Vec::new(),
         })
     }
 
@@ -157,6 +176,7 @@ impl PresenceMonitor {
         let counting: Vec<&PersonFrame> = counting.collect();
         let left = self.disappear(&counting);
         self.appear(&counting);
+        self.keep_fallen();
         let before = self.presence;
         self.presence = self.next();
         if !self.presence.is_occupied() {
@@ -165,14 +185,18 @@ impl PresenceMonitor {
         self.update(before, left)
     }
 
-    /// A person is known to be there at `t_s` though unseen, for example because of a fall that has not ended: the hold
-    /// time of this person starts again.
-    pub fn hold(&mut self, t_s: f64, person: u32) {
-        for missing in self.missing.iter_mut().filter(|m| m.person == person) {
-            if t_s.is_finite() {
-                missing.since_s = missing.since_s.max(t_s);
-            }
-        }
+    /// Those who fell and have not risen: whoever of them is not tracked is there all the same, from the next frame on. When a
+    /// fall ends, the hold time of this person begins.
+    pub fn hold(&mut self, fallen: Vec<Fallen>) {
+        self.fallen = fallen;
+    }
+
+    /// As [`Self::hold`], with the numbers of people of an update that was made before.
+    pub fn recount(&mut self, fallen: Vec<Fallen>, update: &mut PresenceUpdate) {
+        self.hold(fallen);
+        self.keep_fallen();
+        let counted = self.update(self.presence, Vec::new());
+        (update.n_held, update.n_fallen) = (counted.n_held, counted.n_fallen);
     }
 
     /// Points of somebody stay together at `t_s`, though nobody is tracked: somebody is there, for the hold time.
@@ -180,9 +204,10 @@ impl PresenceMonitor {
         let before = self.presence;
         if t_s.is_finite() && self.zones.counts(place_m) {
             self.now_s = self.now_s.max(t_s);
-            self.missing.retain(|m| m.person != UNTRACKED);
+            self.missing.retain(|m| m.person != Some(UNTRACKED));
             self.missing.push(Missing {
-                person: UNTRACKED,
+                person: Some(UNTRACKED),
+                fall: None,
                 since_s: self.now_s,
                 seen_m: place_m,
             });
@@ -193,12 +218,15 @@ impl PresenceMonitor {
         self.update(before, Vec::new())
     }
 
-    /// Forgets everybody, as after the radar was silent: what happened meanwhile is unknown.
+    /// Forgets everybody but those who fell and have not risen, as after the radar was silent: what happened meanwhile is
+    /// unknown.
     pub fn reset(&mut self) -> PresenceUpdate {
         let before = self.presence;
-        self.presence = Presence::Absent;
         self.inside.clear();
         self.missing.clear();
+        self.presence = Presence::Absent;
+        self.keep_fallen();
+        self.presence = self.next();
         self.update(before, Vec::new())
     }
 
@@ -208,13 +236,19 @@ impl PresenceMonitor {
         let mut left = Vec::new();
         let (zones, missing) = (&self.zones, &mut self.missing);
         let (now_s, is_occupied) = (self.now_s, self.presence.is_occupied());
+        // Whoever fell in a door disappears there without having left.
+        let lies_in_door = |person: u32| {
+            let mut fallen = self.fallen.iter().filter(|f| f.person == Some(person));
+            fallen.any(|fallen| zones.is_door(fallen.place_m))
+        };
         self.inside.retain(|&person, inside| {
             let stays = there.contains(&person);
-            if !stays && zones.is_door(inside.seen_m) {
+            if !stays && zones.is_door(inside.seen_m) && !lies_in_door(person) {
                 left.push(person);
             } else if !stays && is_occupied {
                 missing.push(Missing {
-                    person,
+                    person: Some(person),
+                    fall: None,
                     since_s: now_s,
                     seen_m: inside.seen_m,
                 });
@@ -248,9 +282,40 @@ impl PresenceMonitor {
         }
     }
 
+    /// Whoever fell is missing as long as the fall is open and nobody is tracked under the person's number.
+    fn keep_fallen(&mut self) {
+        let (now_s, inside, all) = (self.now_s, &self.inside, &self.fallen);
+        for missing in &mut self.missing {
+            let is_open = |fall: &u64| all.iter().any(|fallen| fallen.fall == *fall);
+            missing.fall = missing.fall.filter(is_open);
+        }
+        for fallen in all {
+            let Fallen {
+                fall,
+                person,
+                place_m,
+            } = *fallen;
+            let of_fall =
+                |m: &Missing| m.fall == Some(fall) || (person.is_some() && m.person == person);
+            if person.is_some_and(|person| inside.contains_key(&person)) {
+                self.missing.retain(|m| m.fall != Some(fall));
+            } else if let Some(missing) = self.missing.iter_mut().find(|m| of_fall(m)) {
+                (missing.fall, missing.since_s) = (Some(fall), now_s);
+            } else {
+                self.missing.push(Missing {
+                    person,
+                    fall: Some(fall),
+                    since_s: now_s,
+                    seen_m: place_m,
+                });
+            }
+        }
+    }
+
     /// The one of those who disappeared who is a person that appeared now.
     fn who_is_back(&self, one: &PersonFrame) -> Option<usize> {
-        let same = self.missing.iter().position(|m| m.person == one.person);
+        let mut missing = self.missing.iter();
+        let same = missing.position(|m| m.person == Some(one.person));
         if same.is_some() || self.zones.is_door(one.place_m) {
             return same;
         }
@@ -266,7 +331,7 @@ impl PresenceMonitor {
         let mut inside = self.inside.values();
         if inside.any(|one| is_occupied || has_passed(one.since_s, now_s, on_s)) {
             Presence::Present
-        } else if is_occupied && !self.missing.is_empty() {
+        } else if !self.fallen.is_empty() || (is_occupied && !self.missing.is_empty()) {
             Presence::Held
         } else {
             Presence::Absent
@@ -279,6 +344,7 @@ impl PresenceMonitor {
             has_changed: self.presence != before,
             n_tracked: self.inside.len(),
             n_held: self.missing.len(),
+            n_fallen: self.missing.iter().filter(|m| m.fall.is_some()).count(),
             left,
         }
     }
@@ -411,25 +477,58 @@ mod tests {
         assert_eq!(monitor.push(9.0, &[]).presence, Presence::Absent);
     }
 
+    fn fallen(person: Option<u32>, place_m: [f64; 2]) -> Vec<Fallen> {
+        vec![Fallen {
+            fall: 1,
+            person,
+            place_m,
+        }]
+    }
+
     #[test]
     fn who_fell_is_held_until_the_fall_ends() {
         let mut monitor = monitor();
         run(&mut monitor, [0, 20], &[person(1, ROOM, 0.0)]);
-        for i in 20..1_000 {
-            let t_s = f64::from(i) * 0.1;
-            for nothing in [f64::NAN, f64::INFINITY] {
-                monitor.hold(nothing, 1);
-            }
-            monitor.hold(t_s, 1);
-            monitor.hold(t_s, 2);
-            assert_eq!(monitor.push(t_s, &[]).presence, Presence::Held);
-        }
-        // 30 s after the last time, in frame 999.
+        monitor.hold(fallen(Some(1), ROOM));
+        assert_eq!(monitor.push(2.0, &[]).presence, Presence::Held);
+        assert!(run(&mut monitor, [21, 999], &[]).is_empty());
+        let update = monitor.push(99.9, &[]);
+        assert_eq!((update.n_held, update.n_fallen), (1, 1));
+        // 30 s after the last frame in which the fall was open, which is frame 999.
+        monitor.hold(Vec::new());
         let found = run(&mut monitor, [1_000, 1_500], &[]);
         assert_eq!(found, [(1_299, Presence::Absent)]);
-        // Who is absent stays so.
-        monitor.hold(151.0, 1);
-        assert_eq!(monitor.push(151.0, &[]).presence, Presence::Absent);
+    }
+
+    #[test]
+    fn who_fell_is_there_in_a_door_beside_a_visitor_and_after_silence() {
+        // In a door the person disappears without having left.
+        let mut monitor = monitor();
+        run(&mut monitor, [0, 20], &[person(1, DOOR, 0.0)]);
+        monitor.hold(fallen(Some(1), DOOR));
+        let update = monitor.push(2.0, &[]);
+        assert_eq!(update.presence, Presence::Held);
+        assert!(update.left.is_empty());
+        // A visitor is somebody else, and leaves by the door.
+        run(&mut monitor, [21, 40], &[person(2, ROOM, 0.0)]);
+        let update = monitor.push(4.0, &[person(2, DOOR, 0.0)]);
+        assert_eq!((update.n_tracked, update.n_held), (1, 1));
+        let update = monitor.push(4.1, &[]);
+        assert_eq!((update.presence, update.left), (Presence::Held, vec![2]));
+        assert!(run(&mut monitor, [42, 900], &[]).is_empty());
+        // The radar is silent, or the program was started anew.
+        assert_eq!(monitor.reset().presence, Presence::Held);
+        let mut monitor = self::monitor();
+        monitor.hold(fallen(None, ROOM));
+        let update = monitor.reset();
+        assert_eq!(
+            (update.presence, update.has_changed),
+            (Presence::Held, true)
+        );
+        // Somebody else has the number of the person who lies.
+        run(&mut monitor, [0, 20], &[person(1, ROOM, 0.0)]);
+        let update = monitor.push(2.0, &[person(1, ROOM, 0.0)]);
+        assert_eq!((update.presence, update.n_held), (Presence::Present, 1));
     }
 
     #[test]

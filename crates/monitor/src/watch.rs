@@ -6,10 +6,10 @@ use radarllm_base::PointFrame;
 use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
 
 use crate::board::BoardPeople;
-use crate::falls::{Fall, FallEvent, FallMonitor, FallOptions};
+use crate::falls::{EarlierFall, Fall, FallEvent, FallMonitor, FallOptions};
 use crate::options::OptionError;
 use crate::people::PersonFrame;
-use crate::presence::{PresenceMonitor, PresenceOptions, PresenceUpdate};
+use crate::presence::{Fallen, PresenceMonitor, PresenceOptions, PresenceUpdate};
 use crate::zones::Zones;
 
 /// Options of tracker, presence and falls.
@@ -88,18 +88,34 @@ impl Watch {
             let newest = tracks.iter().map(|track| track.id).max();
             self.numbered = self.numbered.max(newest.unwrap_or(0));
         }
-        // Who lies on the floor is hardly detected, but is there.
-        for fall in self.falls.open() {
-            self.presence.hold(t_s, fall.person);
-        }
-        let presence = self.presence.push(t_s, &people);
+        self.presence.hold(self.fallen());
+        let mut presence = self.presence.push(t_s, &people);
         let falls = self.falls.push(t_s, &people, &presence.left);
+        // Whoever lay and is tracked again is counted once.
+        self.presence.recount(self.fallen(), &mut presence);
         Seen {
             tracks,
             people,
             presence,
             falls,
         }
+    }
+
+    /// Who lies on the floor is hardly detected, but is there.
+    fn fallen(&self) -> Vec<Fallen> {
+        let fallen = self.falls.open().iter().map(|fall| Fallen {
+            fall: fall.fall,
+            person: fall.tracked_as(),
+            place_m: fall.place_m,
+        });
+        fallen.collect()
+    }
+
+    /// Takes falls over that an earlier run of the program knew and that have not ended. To be called before the first
+    /// frame.
+    pub fn restore(&mut self, falls: &[EarlierFall]) -> PresenceUpdate {
+        self.falls.restore(falls);
+        self.reset_presence()
     }
 
     /// Points of somebody stay together at `t_s`, though nobody is tracked.
@@ -133,8 +149,9 @@ impl Watch {
         self.falls.height_m(person)
     }
 
-    /// The radar is silent: whether somebody is there is unknown from now on.
+    /// The radar is silent: whether somebody is there is unknown from now on, but for whoever fell and has not risen.
     pub fn reset_presence(&mut self) -> PresenceUpdate {
+        self.presence.hold(self.fallen());
         self.presence.reset()
     }
 }

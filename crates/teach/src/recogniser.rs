@@ -103,6 +103,15 @@ impl Recogniser {
         (!comparisons.is_empty()).then_some(Self { comparisons })
     }
 
+    /// Names of the activities, in alphabetical order.
+    pub fn names(&self) -> Vec<&str> {
+        let known = self.comparisons.iter().flat_map(|one| &one.activities);
+        let mut names: Vec<&str> = known.map(|known| known.name.as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
     /// Parts of a clip in which taught activities are recognised, in order of time. An event interrupts what goes on.
     pub fn recognise(&self, clip: &Clip) -> Vec<Recognised> {
         let mut parts: Vec<Recognised> = Vec::new();

@@ -23,7 +23,7 @@ pub mod kalman;
 pub mod people;
 pub mod tracker;
 
-pub use background::{BackgroundOptions, PointBackground};
+pub use background::{BackgroundOptions, MAX_PLACES_M2, PointBackground};
 pub use cluster::{Cluster, ClusterOptions, clusters};
 pub use ghosts::{Ghost, GhostPath, find_ghosts};
 pub use people::{People, PeopleOptions, Person, find_people, track_people};

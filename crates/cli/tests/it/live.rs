@@ -111,8 +111,32 @@ fn what_cannot_run_is_refused() {
     assert!(live(&["--http", "0.0.0.0:0"]).contains("token"));
     assert!(live(&["--name", "Living room"]).contains("a to z"));
     let broker = live(&["--http", "127.0.0.1:0", "--mqtt", "mqtt://127.0.0.1:1"]);
-    assert!(broker.contains("simulated"), "{broker}");
+    assert!(broker.contains("--mqtt-simulated"), "{broker}");
+    // What would be ignored.
+    for option in [
+        &["--speed", "10"][..],
+        &["--loop"],
+        &["--start", "2026-11-20T08:00:00Z"],
+        &["--cli-port", "/dev/ttyUSB0"],
+        &["--dca", "192.168.33.180"],
+        &["--no-http", "--token-file", "token"],
+        // And what is out of range.
+        &["--window", "20"],
+        &["--stride", "0"],
+        &["--learn-empty", "400"],
+        &["--occupancy-on=-1"],
+        &["--fall-dwell", "0"],
+        &["--fall-height", "2"],
+    ] {
+        let name = option[option.len().saturating_sub(2)];
+        let name = name.split('=').next().unwrap();
+        let refusal = live(option);
+        assert!(refusal.contains(name), "{option:?}: {refusal}");
+    }
     let input = "builtin:squat?repetitions=6";
+    for option in [["--sim-seed", "2"], ["--sim-fall-every", "60"]] {
+        assert!(refused(&["live", input, option[0], option[1]]).contains(option[0]));
+    }
     assert!(refused(&["live", input, "--speed", "fast"]).contains("--speed"));
     assert!(refused(&["live", "no-such-recording.dat"]).contains("no-such-recording.dat"));
     let asked = refused(&["ask", "when did she last get up?", "--db", "no-such.db"]);

@@ -189,6 +189,7 @@ fn late_comers_learn_the_state() {
             state,
             person: Some(1),
             dwell_s: 1.0,
+            acknowledged: false,
             synthetic: true,
         };
         bus.publish(stamp(4), Body::Fall(fall));

@@ -117,7 +117,7 @@ impl Guard {
             true => Ok(host),
             false => Err(Refused::new(
                 StatusCode::MISDIRECTED_REQUEST,
-                "this server is not known under that name; see the option for allowed hosts",
+                "this server is not known under that name; open it by its IP address, or start it with the option --allow-host NAME",
             )),
         }
     }
@@ -132,11 +132,14 @@ impl Guard {
             .strip_prefix('[')
             .and_then(|n| n.strip_suffix(']'))
             .unwrap_or(name);
-        let is_our_name = match literal.parse::<IpAddr>() {
-            Ok(ip) => ip.is_loopback() || (ip == self.address.ip() && !ip.is_unspecified()),
-            Err(_) => name == "localhost",
-        };
-        is_our_port && is_our_name
+        let own = self.address.ip();
+        match literal.parse::<IpAddr>() {
+            // No name, which DNS could point here. Others than this computer reach it under addresses and ports that only
+            // their network knows.
+            Ok(ip) if !own.is_loopback() => !ip.is_unspecified(),
+            Ok(ip) => is_our_port && ip.is_loopback(),
+            Err(_) => is_our_port && name == "localhost",
+        }
     }
 
     /// Refuses requests that the page of another origin makes.

@@ -5,7 +5,7 @@
 pub enum MqttError {
     /// The radar is simulated, and nobody allowed that its messages reach a broker.
     #[error(
-        "the radar `{found}` is simulated; its falls and sentences are published only if simulated messages are allowed"
+        "the radar `{found}` is simulated; its falls and sentences are published only if simulated messages are allowed (--mqtt-simulated)"
     )]
     Synthetic {
         /// The source.

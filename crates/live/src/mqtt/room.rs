@@ -317,6 +317,7 @@ fn fall_payload(fall: &At<Fall>) -> String {
         state,
         person,
         dwell_s,
+        acknowledged,
         synthetic,
     } = &fall.what;
     json!({
@@ -324,6 +325,7 @@ fn fall_payload(fall: &At<Fall>) -> String {
         "id": id,
         "person": person,
         "dwell_s": dwell_s,
+        "acknowledged": acknowledged,
         "utc": fall.utc,
         "synthetic": synthetic,
     })
@@ -418,6 +420,7 @@ mod tests {
                 state,
                 person: Some(1),
                 dwell_s: 20.0,
+                acknowledged: false,
                 synthetic: true,
             }));
         }
@@ -475,7 +478,7 @@ mod tests {
             value(room.room.transition().unwrap()),
             json!({
                 "event_type": "confirmed", "id": 7, "person": 1, "dwell_s": 20.0,
-                "utc": "2026-11-23T17:38:12.345Z", "synthetic": true,
+                "acknowledged": false, "utc": "2026-11-23T17:38:12.345Z", "synthetic": true,
             })
         );
         room.fall(7, FallState::Recovered);
@@ -590,6 +593,7 @@ mod tests {
                 state: FallState::Confirmed,
                 person: None,
                 dwell_s: 25.0,
+                acknowledged: false,
                 synthetic: true,
             }),
         );
@@ -605,6 +609,7 @@ mod tests {
                 state: FallState::Suspected,
                 person: None,
                 dwell_s: 0.0,
+                acknowledged: false,
                 synthetic: true,
             }),
         );

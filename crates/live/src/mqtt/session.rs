@@ -4,6 +4,7 @@
 //! one message at a time. While the broker is away nothing is queued but transitions of falls.
 
 use std::future::{pending, poll_fn};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,6 +31,9 @@ const GOOD_TIME: Duration = Duration::from_secs(10);
 /// Limits of the time between two attempts to connect.
 const SHORTEST_RETRY: Duration = Duration::from_millis(1);
 const LONGEST_RETRY: Duration = Duration::from_secs(3_600);
+/// How often `online` is published again: the will of a connection that ended without a farewell, of an earlier run or of
+/// another radar of the same name, comes up to a quarter of a minute later.
+const REFRESH: Duration = Duration::from_secs(30);
 /// How often the values are looked at when nothing happens, because sentences grow old.
 const TICK: Duration = Duration::from_secs(1);
 
@@ -97,6 +101,8 @@ pub(super) struct Session {
     bus: Arc<Bus>,
     reader: Reader,
     shared: Arc<Shared>,
+    /// Of this process alone: a broker ends the connection of a client when another one comes with the same number.
+    client_id: String,
     link: Option<Link>,
     connected_since: Option<Instant>,
     retry_at: Instant,
@@ -128,7 +134,9 @@ impl Session {
             Slot::State,
             Slot::Caption,
         ];
+        let own = RandomState::new().build_hasher().finish();
         Self {
+            client_id: format!("radarllm_{}_{own:016x}", room.about().name),
             retry,
             retry_after: retry[0],
             options,
@@ -189,8 +197,7 @@ impl Session {
             topic: &self.topics.availability,
             payload: "offline",
         };
-        let client_id = format!("radarllm_{}", self.room.about().name);
-        self.link = Some(Link::open(&self.options, &client_id, &will));
+        self.link = Some(Link::open(&self.options, &self.client_id, &will));
     }
 
     fn take_event(&mut self, event: LinkEvent, now: Instant) {
@@ -292,6 +299,11 @@ impl Session {
         }
         if self.again[0].is_some_and(|at| now >= at) {
             self.forget_sent(now);
+        }
+        let is_old =
+            |sent: &&mut Sent| sent.slot == Slot::Availability && now >= sent.not_before + REFRESH;
+        if let Some(sent) = self.sent.iter_mut().find(is_old) {
+            sent.payload = None;
         }
         let Some(link) = &self.link else { return };
         // The description, availability, falls, and then the rest.

@@ -1,15 +1,18 @@
 //! Questions to the memory, in English.
 //!
 //! A grammar, no model: *when, last, first, how often, how long, did* × verbs of actions × times such as *today*,
-//! *last night* and *since 07:30*; and whether, when and how long somebody was there (`presence`). Verbs are read with the lexicon of `radarllm-facts`, which also labels captions. What
-//! the grammar does not know is refused, not guessed: then the words are searched in the captions, and the answer says
-//! so.
+//! *last night* and *since 07:30*; whether, when and how long somebody was there (`presence`); and what is so at present
+//! (`situation`). Verbs are read with the lexicon of `radarllm-facts`, which also labels captions. What the grammar does
+//! not know is refused, not guessed: then the words are searched in the captions, and the answer says so. Nothing is denied
+//! of a time in which nobody watched (`known`).
 //!
-//! Reading order: this file, [`what`] (questions to their meaning), [`when`] (phrases of time), `verbs`, `words`,
-//! `sentence` (answers), `presence`.
+//! Reading order: this file, [`what`] (questions to their meaning), [`when`] (phrases of time), `verbs`, `words`, `known`,
+//! `sentence` (answers), `presence`, `situation`.
 
+mod known;
 mod presence;
 mod sentence;
+mod situation;
 #[cfg(test)]
 mod tests;
 mod verbs;
@@ -21,8 +24,11 @@ use radarllm_monitor::rows::{ActivityRow, EventKind, EventRow};
 use serde::{Deserialize, Serialize};
 
 use crate::error::StoreError;
+use crate::store::falls::{FALL, Fall};
+use crate::store::lanes::Stretch;
 use crate::store::timeline::Order;
 use crate::store::{ActivityQuery, EventQuery, Timeline};
+use known::{Coverage, Kept};
 
 pub use what::{Kind, Understood, What};
 pub use when::{Clock, When};
@@ -31,8 +37,12 @@ pub use when::{Clock, When};
 pub const MAX_QUESTION_BYTES: usize = 1_000;
 /// Most rows and most events of an answer.
 pub const MAX_ROWS: usize = 50;
-/// The action of which alarms speak as well.
-const FALL: &str = "fall";
+/// The action of whoever rises after a fall.
+const STAND_UP: &str = "stand_up";
+/// Actions of whoever lies, also after a fall.
+const LIE: [&str; 2] = ["lie_still", "lie_down"];
+/// Longest time between a sentence about getting up and the end of a fall by it, ms.
+const RISE_MS: i64 = 30_000;
 
 /// The answer to a question.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -53,6 +63,9 @@ pub struct Answer {
     pub total_ms: i64,
     /// Whether a simulated radar is among the origins.
     pub synthetic: bool,
+    /// Times of the range that was asked about of which something is known.
+    #[serde(default)]
+    pub known: Vec<Stretch>,
     /// Activities behind the answer, at most [`MAX_ROWS`]: the first ones for *first* and *when*, else the last ones.
     pub rows: Vec<ActivityRow>,
     /// For questions about falls: confirmed alarms, newest first, at most [`MAX_ROWS`].
@@ -69,7 +82,6 @@ pub struct Searched {
 }
 
 /// What the memory has about a question.
-#[derive(Default)]
 struct Found {
     count: u64,
     first_ms: Option<i64>,
@@ -79,9 +91,15 @@ struct Found {
     total_ms: i64,
     longest_ms: i64,
     synthetic: bool,
+    /// What is known of the time that was asked about.
+    coverage: Coverage,
+    /// Falls and suspicions of that time, if the question is about them.
+    falls: Vec<Fall>,
     is_about_falls: bool,
-    n_alarms: u64,
-    oldest_ms: Option<i64>,
+    /// When somebody lay on the floor after a confirmed fall, if the question is about lying.
+    floor: Vec<Stretch>,
+    /// Whether only the times on the floor count: the question names the floor, or no sentence tells that somebody lay.
+    is_floor: bool,
     rows: Vec<ActivityRow>,
     events: Vec<EventRow>,
 }
@@ -101,41 +119,58 @@ pub fn ask(timeline: &Timeline, question: &str, clock: Clock) -> Result<Answer, 
     if let Some(answer) = presence::answer(timeline, question, &clock)? {
         return Ok(answer);
     }
+    if let Some(answer) = situation::answer(timeline, question, &clock)? {
+        return Ok(answer);
+    }
     match what::understand(question, &clock) {
-        Ok(understood) => {
-            let found = find(timeline, &understood)?;
-            Ok(Answer {
-                answer: sentence::answer(&understood, &found, &clock),
-                understood: Some(understood),
-                searched: None,
-                count: found.count,
-                first_ms: found.first_ms,
-                last_ms: found.last_ms,
-                total_ms: found.total_ms,
-                synthetic: found.synthetic,
-                rows: found.rows,
-                events: found.events,
-            })
-        }
+        Ok(understood) => answer_understood(timeline, understood, &clock),
         Err(not_understood) => search(timeline, not_understood, &clock),
     }
 }
 
+/// Answers a question that was understood.
+fn answer_understood(
+    timeline: &Timeline,
+    understood: Understood,
+    clock: &Clock,
+) -> Result<Answer, StoreError> {
+    let found = find(timeline, &understood, clock)?;
+    Ok(Answer {
+        answer: sentence::answer(&understood, &found, clock),
+        understood: Some(understood),
+        searched: None,
+        count: found.count,
+        first_ms: found.first_ms,
+        last_ms: found.last_ms,
+        total_ms: found.total_ms,
+        synthetic: found.synthetic,
+        known: found.coverage.known,
+        rows: found.rows,
+        events: found.events,
+    })
+}
+
 /// Looks up what was understood.
-fn find(timeline: &Timeline, understood: &Understood) -> Result<Found, StoreError> {
+fn find(timeline: &Timeline, understood: &Understood, clock: &Clock) -> Result<Found, StoreError> {
     let Understood { what, when, .. } = understood;
-    let query = ActivityQuery {
+    let is_about = |action: &str| what.actions.iter().any(|a| a == action);
+    let is_about_falls = is_about(FALL);
+    let query = |actions: &[String]| ActivityQuery {
         from_ms: when.from_ms,
         to_ms: Some(when.to_ms),
-        actions: what.actions.clone(),
+        actions: actions.to_vec(),
         ..ActivityQuery::default()
     };
-    let tally = timeline.tally(&query)?;
+    let tally = timeline.tally(&query(&what.actions))?;
     let order = match what.kind {
         Kind::First | Kind::When => Order::OldestFirst,
         Kind::Last | Kind::HowOften | Kind::HowLong | Kind::Did => Order::NewestFirst,
     };
-    let rows = timeline.some_activities(&query, order, MAX_ROWS)?;
+    let rows = timeline.some_activities(&query(&what.actions), order, MAX_ROWS)?;
+    let kept = match is_about_falls {
+        true => Kept::Falls,
+        false => Kept::Activities,
+    };
     let mut found = Found {
         count: tally.count,
         first_ms: tally.first_ms,
@@ -144,28 +179,94 @@ fn find(timeline: &Timeline, understood: &Understood) -> Result<Found, StoreErro
         total_ms: tally.total_ms,
         longest_ms: tally.longest_ms,
         synthetic: tally.synthetic,
-        is_about_falls: what.actions.iter().any(|a| a == FALL),
-        oldest_ms: timeline.oldest_ms()?,
+        coverage: Coverage::of(timeline, when, kept, clock)?,
+        falls: Vec::new(),
+        is_about_falls,
+        floor: Vec::new(),
+        is_floor: false,
         rows,
-        ..Found::default()
+        events: Vec::new(),
     };
-    if found.is_about_falls {
-        add_alarms(timeline, when, what.kind, &mut found)?;
+    let is_about_lying = LIE.iter().any(|lie| is_about(lie));
+    if is_about_falls || is_about(STAND_UP) || is_about_lying {
+        let falls = timeline.falls([when.from_ms.unwrap_or(0), when.to_ms])?;
+        found.synthetic |= falls.iter().any(|fall| fall.synthetic);
+        if is_about_lying {
+            let floor = falls.iter();
+            let floor = floor.filter_map(|fall| on_the_floor(fall, when, &found.coverage));
+            found.floor = floor.collect();
+            let is_named = understood.ignored.iter().any(|w| words::is_floor(w));
+            if !found.floor.is_empty() && (is_named || found.count == 0) {
+                found.count_floor();
+            }
+        }
+        if is_about(STAND_UP) {
+            add_risings(timeline, &falls, when, &mut found)?;
+        }
+        if is_about_falls {
+            let others: Vec<String> = what
+                .actions
+                .iter()
+                .filter(|a| *a != FALL)
+                .cloned()
+                .collect();
+            let tally = match others.is_empty() {
+                true => Default::default(),
+                false => timeline.tally(&query(&others))?,
+            };
+            found.count = tally.count;
+            (found.first_ms, found.last_ms) = (tally.first_ms, tally.last_ms);
+            found.times_ms = (found.rows.iter())
+                .filter(|row| row.activity.action != FALL)
+                .map(|row| row.activity.start_ms)
+                .collect();
+            add_falls(timeline, falls, when, clock, &mut found)?;
+        }
     }
     found.times_ms.sort_unstable();
     Ok(found)
 }
 
-/// Adds confirmed alarms, which know of falls that no sentence states. An alarm and a sentence of one fall count once.
-fn add_alarms(
+impl Found {
+    /// Lets the times on the floor count, and nothing else.
+    fn count_floor(&mut self) {
+        let lengths = || self.floor.iter().map(|s| s.end_ms - s.start_ms);
+        (self.total_ms, self.longest_ms) = (lengths().sum(), lengths().max().unwrap_or_default());
+        self.times_ms = self.floor.iter().map(|s| s.start_ms).collect();
+        self.count = self.floor.len() as u64;
+        self.first_ms = self.times_ms.first().copied();
+        self.last_ms = self.times_ms.last().copied();
+        self.is_floor = true;
+    }
+
+    fn add(&mut self, at_ms: i64) {
+        self.count += 1;
+        self.first_ms = Some(self.first_ms.map_or(at_ms, |ms| ms.min(at_ms)));
+        self.last_ms = self.last_ms.max(Some(at_ms));
+        self.times_ms.push(at_ms);
+    }
+
+    /// Whether a fall counts: its alarm was confirmed, or a sentence tells it and no alarm about it was dismissed or is
+    /// still open.
+    fn counts(&self, fall: &Fall, clock: &Clock) -> bool {
+        let is_open = fall.is_suspicion() && self.coverage.goes_on(fall.at_ms, clock);
+        fall.confirmed_ms.is_some() || (fall.is_told && !fall.is_dismissed() && !is_open)
+    }
+}
+
+/// Adds falls. An alarm and a sentence of one fall count once.
+fn add_falls(
     timeline: &Timeline,
+    mut falls: Vec<Fall>,
     when: &When,
-    kind: Kind,
+    clock: &Clock,
     found: &mut Found,
 ) -> Result<(), StoreError> {
-    let alarms = timeline.alarms(when.from_ms, when.to_ms)?;
-    found.n_alarms = alarms.count;
-    found.synthetic |= alarms.synthetic;
+    // Others have ended in this time and happened before it.
+    falls.retain(|fall| {
+        let is_only_told = fall.suspected_ms.is_none() && fall.confirmed_ms.is_none();
+        is_only_told || when.from_ms.is_none_or(|from_ms| fall.at_ms >= from_ms)
+    });
     let query = EventQuery {
         from_ms: when.from_ms,
         to_ms: Some(when.to_ms),
@@ -173,15 +274,52 @@ fn add_alarms(
         person: None,
     };
     found.events = timeline.events(&query, None, MAX_ROWS)?.rows;
-    // How long somebody fell is known from sentences only.
-    if kind != Kind::HowLong {
-        found.count += alarms.n_alone;
-        let earlier = [found.first_ms, alarms.first_alone_ms];
-        found.first_ms = earlier.into_iter().flatten().min();
-        found.last_ms = found.last_ms.max(alarms.last_alone_ms);
-        found.times_ms.extend(alarms.times_alone_ms);
+    for fall in &falls {
+        if found.counts(fall, clock) {
+            found.add(fall.at_ms);
+        }
+    }
+    if found.count == 0 {
+        // Sentences about what was no fall.
+        found.rows.clear();
+    }
+    found.falls = falls;
+    Ok(())
+}
+
+/// Adds the times at which somebody rose after a fall, if no sentence tells it.
+fn add_risings(
+    timeline: &Timeline,
+    falls: &[Fall],
+    when: &When,
+    found: &mut Found,
+) -> Result<(), StoreError> {
+    let from_ms = when.from_ms.unwrap_or(0);
+    let risen = falls.iter().filter_map(Fall::risen_ms);
+    for risen_ms in risen.filter(|ms| (from_ms..when.to_ms).contains(ms)) {
+        let told = ActivityQuery {
+            from_ms: Some(risen_ms.saturating_sub(RISE_MS)),
+            to_ms: Some(risen_ms.saturating_add(RISE_MS)),
+            actions: vec![STAND_UP.into()],
+            ..ActivityQuery::default()
+        };
+        if timeline.tally(&told)?.count == 0 {
+            found.add(risen_ms);
+        }
     }
     Ok(())
+}
+
+/// When somebody lay on the floor after a confirmed fall, within a range of time: until the person rose, a user ended the
+/// fall, or nothing is known any more.
+fn on_the_floor(fall: &Fall, when: &When, coverage: &Coverage) -> Option<Stretch> {
+    fall.confirmed_ms?;
+    let known_ms = coverage.end_ms()?;
+    let stretch = Stretch {
+        start_ms: fall.at_ms.max(when.from_ms.unwrap_or(0)),
+        end_ms: fall.end.map_or(known_ms, |end| end.at_ms).min(when.to_ms),
+    };
+    (stretch.start_ms < stretch.end_ms).then_some(stretch)
 }
 
 /// Searches for the words of a question that was not understood.

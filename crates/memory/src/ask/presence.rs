@@ -1,22 +1,21 @@
 //! Questions about presence: whether somebody is there, when somebody came or left, and how long the room was empty.
 //!
-//! They are answered from the events of presence, not from sentences. The grammar is strict: every word must be one that it
-//! knows, so that "is she walking" or "when did she last leave the chair" are none of these questions.
+//! They are answered from the events of presence, not from sentences, and only for the time in which a radar was watched
+//! and heard. The grammar is strict: every word must be one that it knows, so that "is she walking" or "when did she last
+//! leave the chair" are none of these questions.
 
 use radarllm_monitor::rows::EventKind;
 
-use super::sentence::{NOBODY_IDENTIFIED, duration, list, times};
-use super::what::{Kind, Understood, What};
+use super::known::{Coverage, Kept, Now};
+use super::sentence::{NOBODY_IDENTIFIED, SIMULATED, duration, list, times};
+use super::what::{Kind, Understood};
 use super::when::{self, Clock};
 use super::{Answer, MAX_ROWS, words};
 use crate::error::StoreError;
 use crate::store::lanes::Stretch;
+use crate::store::runs::Known;
 use crate::store::{EventQuery, Timeline};
 
-/// Longest range that is looked at, ms.
-const MAX_RANGE_MS: i64 = 32 * 86_400_000;
-/// The answer names the newest time of the memory if it is older than this, ms.
-const OLD_MS: i64 = 10 * 60_000;
 /// Shortest time that the room is empty, ms.
 const MIN_REST_MS: i64 = 1_000;
 /// Most times that a sentence names one by one.
@@ -39,9 +38,9 @@ enum Subject {
 
 #[rustfmt::skip]
 const WHO: &[&str] = &[
-    "a", "any", "anybody", "anyone", "dad", "everybody", "everyone", "father", "grandfather", "grandmother", "he",
-    "i", "it", "mother", "mom", "mum", "my", "our", "people", "person", "she", "somebody", "someone", "the", "they",
-    "we", "you",
+    "a", "any", "anybody", "anyone", "dad", "everybody", "everyone", "father", "grandfather", "grandma", "grandmother",
+    "grandpa", "he", "her", "him", "i", "it", "mother", "mom", "mum", "my", "our", "people", "person", "she", "somebody",
+    "someone", "the", "them", "they", "us", "we", "you",
 ];
 #[rustfmt::skip]
 const PLACES: &[&str] = &[
@@ -63,9 +62,10 @@ fn meaning(rest: &[String]) -> Option<(Kind, Subject)> {
     let is_known = |w: &String| {
         let lists = [WHO, PLACES, THERE, EMPTY, CAME, LEFT];
         #[rustfmt::skip]
-        const FRAME: [&str; 28] = [
+        const FRAME: [&str; 31] = [
             "when", "what", "time", "times", "last", "first", "how", "long", "often", "many", "much", "did", "has", "have",
             "had", "was", "were", "is", "are", "now", "right", "still", "back", "go", "went", "see", "seen", "currently",
+            "ago", "already", "yet",
         ];
         lists.iter().any(|list| list.contains(&w.as_str())) || FRAME.contains(&w.as_str())
     };
@@ -79,31 +79,50 @@ fn meaning(rest: &[String]) -> Option<(Kind, Subject)> {
     if is_direction || counts_people || has(&["around"]) {
         return None;
     }
+    let asks_present = ["is", "are"].contains(&at(0));
     let subject = if has(LEFT) || goes_out {
         Subject::Left
     } else if has(CAME) || has(&["go", "went"]) && has(&["back", "home"]) {
         Subject::Came
     } else if has(EMPTY) {
         Subject::Empty
-    } else if has(THERE) || has(&["see", "seen"]) || has(&["in"]) && has(&["room", "house", "flat"])
+    } else if has(THERE)
+        || has(&["see", "seen"])
+        || has(&["in"]) && has(&["room", "house", "flat"])
+        || asks_present && (has(&["back"]) || has(&["in"]))
     {
         Subject::There
     } else {
         return None;
     };
-    if ["is", "are"].contains(&at(0)) {
+    if asks_present {
         let is_state = matches!(subject, Subject::There | Subject::Empty) && !has(&["see", "seen"]);
         return is_state.then_some((Kind::Did, Subject::Now));
     }
+    let is_perfect = has(&["has", "have"]);
     // What is so at present, however it is asked, is no question about the past.
-    if ["has", "have"].contains(&at(0)) && has(LEFT) {
+    if ["has", "have"].contains(&at(0)) && (has(LEFT) || has(CAME) || has(&["back"])) {
         return Some((Kind::Did, Subject::Now));
+    }
+    if ["has", "have"].contains(&at(0)) && subject == Subject::There {
+        return Some((Kind::Did, Subject::There));
+    }
+    // "How long has the room been empty", "how long is she already away".
+    let is_state = matches!(subject, Subject::There | Subject::Empty);
+    if at(0) == "how" && at(1) == "long" && is_state && !has(&["see", "seen"]) {
+        let is_present =
+            is_perfect && has(&["been"]) || has(&["is", "are"]) && has(&["already", "now"]);
+        if is_present {
+            return Some((Kind::HowLong, Subject::Now));
+        }
     }
     if !has(&["did", "was", "were", "had"]) {
         return None;
     }
     let kind = if ["did", "was", "were", "had"].contains(&at(0)) {
         Kind::Did
+    } else if has(&["ago"]) {
+        Kind::Last
     } else if at(0) == "how" && has(&["often", "many"]) {
         Kind::HowOften
     } else if at(0) == "how" && has(&["long", "much"]) {
@@ -138,11 +157,7 @@ pub(super) fn answer(
     clock: &Clock,
 ) -> Result<Option<Answer>, StoreError> {
     let mut rest = words::split(question);
-    let mut when = clock.always();
-    if let Some((start, found)) = when::find(&rest, clock) {
-        when = found.when;
-        rest.drain(start..start + found.n_words);
-    }
+    let when = when::take(&mut rest, clock);
     let Some((kind, subject)) = meaning(&rest) else {
         return Ok(None);
     };
@@ -151,123 +166,147 @@ pub(super) fn answer(
     if is_to_come || (subject == Subject::Now && !when.phrase.is_empty()) {
         return Ok(None);
     }
-    let (Some(oldest_ms), Some(newest_ms)) = (timeline.oldest_ms()?, timeline.newest_ms()?) else {
-        return Ok(Some(Answer {
-            answer: "The memory is empty.".into(),
-            understood: Some(understood(kind, EventKind::Present, when)),
-            ..Answer::default()
-        }));
+    let coverage = Coverage::of(timeline, &when, Kept::Presence, clock)?;
+    let now = Now::of(timeline, clock)?;
+    let is_about_now = match subject {
+        Subject::Now => true,
+        // Who is there, or was when the memory ended, is seen last there.
+        Subject::There => kind == Kind::Last && when.phrase.is_empty(),
+        _ => false,
     };
-    // Nothing is known of the time after the newest entry, such as after the end of `live`.
-    let to_ms = when.to_ms.min(newest_ms.saturating_add(1));
-    let from_ms = when
-        .from_ms
-        .unwrap_or(oldest_ms)
-        .max(oldest_ms)
-        .max(to_ms - MAX_RANGE_MS);
-    if from_ms >= to_ms {
-        let (first, last) = (clock.moment(oldest_ms), clock.moment(newest_ms));
-        return Ok(Some(Answer {
-            answer: format!("Nothing is known of that time: the memory is from {first} to {last}."),
-            understood: Some(understood(kind, EventKind::Present, when)),
-            ..Answer::default()
-        }));
+    let about_now = now.filter(|now| is_about_now && (subject == Subject::Now || now.is_present));
+    let told = match &about_now {
+        Some(now) => Told {
+            sentences: now.sentences(clock),
+            ..Told::default()
+        },
+        None if coverage.is_nothing() => Told {
+            sentences: vec![coverage.nothing(clock)],
+            ..Told::default()
+        },
+        None => tell(subject, kind, &when.phrase, &coverage, clock),
+    };
+    let [from_ms, to_ms] = coverage.range_ms;
+    let query = EventQuery {
+        from_ms: Some(from_ms),
+        to_ms: Some(to_ms.saturating_add(1)),
+        kinds: vec![EventKind::Present, EventKind::Absent],
+        person: None,
+    };
+    let events = timeline.events(&query, None, MAX_ROWS)?.rows;
+    let synthetic = coverage.watched.synthetic
+        || about_now.is_some_and(|now| now.is_synthetic())
+        || events.iter().any(|row| row.origin.synthetic);
+    let mut sentences = told.sentences;
+    if synthetic {
+        sentences.push(SIMULATED.into());
     }
-    let (spans, mut synthetic) = timeline.presence([from_ms, to_ms])?;
-    let is_open = spans.last().is_some_and(|span| span.end_ms == to_ms);
-    let is_old = clock.now_ms.saturating_sub(newest_ms) > OLD_MS;
-    let stretches = match subject {
-        Subject::Empty => rest_of(&spans, [from_ms, to_ms]),
-        _ => spans.clone(),
+    sentences.push(NOBODY_IDENTIFIED.into());
+    let name = match subject {
+        Subject::Empty | Subject::Left => EventKind::Absent,
+        _ => EventKind::Present,
     };
-    // Times at which it happened. The last stretch has not ended, and the first one may have begun before.
-    let moments: Vec<i64> = match subject {
-        Subject::Came => spans
-            .iter()
-            .map(|s| s.start_ms)
-            .filter(|ms| *ms > from_ms || *ms == oldest_ms)
-            .collect(),
-        Subject::Left => spans
-            .iter()
-            .map(|s| s.end_ms)
-            .filter(|ms| *ms < to_ms)
-            .collect(),
+    Ok(Some(Answer {
+        answer: sentences.join(" "),
+        understood: Some(Understood::about(kind, name.name(), when)),
+        searched: None,
+        count: told.moments_ms.len() as u64,
+        first_ms: told.moments_ms.first().copied(),
+        last_ms: told.moments_ms.last().copied(),
+        total_ms: told.total_ms,
+        synthetic,
+        known: coverage.known,
+        rows: Vec::new(),
+        events,
+    }))
+}
+
+/// An answer about presence.
+#[derive(Default)]
+struct Told {
+    sentences: Vec<String>,
+    /// Times at which it happened, or began.
+    moments_ms: Vec<i64>,
+    total_ms: i64,
+}
+
+/// Answers from what is known of a range of time.
+fn tell(subject: Subject, kind: Kind, phrase: &str, coverage: &Coverage, clock: &Clock) -> Told {
+    let known = &coverage.watched.known;
+    let stretches: Vec<Stretch> = match subject {
+        Subject::Empty => known.iter().flat_map(rest_of).collect(),
+        _ => coverage.watched.presence(),
+    };
+    // What began or ended with the time of which something is known, may have begun before or lasted longer.
+    let moments_ms: Vec<i64> = match subject {
+        Subject::Came => {
+            let came = |known: &Known| {
+                let starts = known.presence.iter().map(|s| s.start_ms);
+                let start_ms = known.stretch.start_ms;
+                starts.filter(move |ms| *ms > start_ms).collect::<Vec<_>>()
+            };
+            known.iter().flat_map(came).collect()
+        }
+        Subject::Left => {
+            let left = |known: &Known| {
+                let n_left = known.presence.len() - usize::from(known.is_present_at_end);
+                let ends = known.presence.iter().take(n_left).map(|s| s.end_ms);
+                ends.collect::<Vec<_>>()
+            };
+            known.iter().flat_map(left).collect()
+        }
         _ => stretches.iter().map(|s| s.start_ms).collect(),
     };
     let total_ms = stretches.iter().map(|s| s.end_ms - s.start_ms).sum();
-    let longest_ms = stretches
-        .iter()
-        .map(|s| s.end_ms - s.start_ms)
-        .max()
-        .unwrap_or_default();
-    let phrase = match when.phrase.as_str() {
+    let longest_ms = stretches.iter().map(|s| s.end_ms - s.start_ms).max();
+    let phrase = match phrase {
         "" => String::new(),
         phrase => format!(" {phrase}"),
     };
-    let n = moments.len() as u64;
+    let n = moments_ms.len() as u64;
     let moment = |ms: Option<&i64>| ms.map(|ms| clock.moment(*ms)).unwrap_or_default();
-    let (first, last) = (moment(moments.first()), moment(moments.last()));
+    let (first, last) = (moment(moments_ms.first()), moment(moments_ms.last()));
     let past = match subject {
         Subject::Came => "came",
         _ => "left",
     };
-    let mut sentences = vec![match (subject, kind) {
-        (Subject::Now, _) | (Subject::There, Kind::Last) if is_open && is_old => {
-            let last = clock.moment(newest_ms);
-            format!("Somebody was there at {last}, where the memory ends.")
-        }
-        (Subject::Now, _) if is_open => {
-            format!(
-                "Somebody is there, since {}.",
-                moment(spans.last().map(|s| &s.start_ms))
-            )
-        }
-        (Subject::There, Kind::Last) if is_open => {
-            format!(
-                "Somebody is there, since {}.",
-                moment(spans.last().map(|s| &s.start_ms))
-            )
-        }
-        (Subject::Now | Subject::There, Kind::Did | Kind::Last) => match spans.last() {
-            None => format!("Nobody was there{phrase}."),
-            Some(span) if subject == Subject::Now => {
-                format!("Nobody is there, since {}.", clock.moment(span.end_ms))
-            }
-            Some(span) if kind == Kind::Last => {
-                format!("Somebody was last there at {}.", clock.moment(span.end_ms))
-            }
-            Some(_) => format!(
-                "Yes: somebody was there{phrase}, for {} in all.",
-                duration(total_ms)
-            ),
+    let far = coverage.as_far(clock);
+    let sentence = match (subject, kind) {
+        (Subject::Now | Subject::There, _) if stretches.is_empty() => match kind {
+            Kind::Did => format!("No: nobody was there{phrase}{far}."),
+            _ => format!("Nobody was there{phrase}{far}."),
         },
-        (Subject::There | Subject::Empty, _) => {
+        (Subject::Empty, _) if stretches.is_empty() => {
+            format!("The room was not empty{phrase}{far}.")
+        }
+        (Subject::Now | Subject::There, Kind::Last) => {
+            let last = moment(stretches.last().map(|s| &s.end_ms));
+            format!("Somebody was last there{phrase} at {last}.")
+        }
+        (Subject::Now | Subject::There, Kind::Did) => {
+            let total = duration(total_ms);
+            format!("Yes: somebody was there{phrase}, for {total} in all.")
+        }
+        (Subject::Now | Subject::There | Subject::Empty, _) => {
             let what = match subject {
                 Subject::Empty => "The room was empty",
                 _ => "Somebody was there",
             };
-            match (stretches.len(), kind) {
-                (0, _) if subject == Subject::Empty => format!("The room was not empty{phrase}."),
-                (0, _) => format!("Nobody was there{phrase}."),
-                (1, _) => format!(
-                    "{what} for {}{phrase}, from {first} to {}.",
-                    duration(total_ms),
-                    moment(stretches.last().map(|s| &s.end_ms))
+            let total = duration(total_ms);
+            match &stretches[..] {
+                [one] => format!(
+                    "{what} for {total}{phrase}, {}.",
+                    clock.from_to(one.start_ms, one.end_ms)
                 ),
-                (_, Kind::Last) => format!(
-                    "{what} last from {last} to {}.",
-                    moment(stretches.last().map(|s| &s.end_ms))
-                ),
-                (_, Kind::First) => format!("{what} first from {first} on."),
-                (n, _) => format!(
-                    "{what} for {} in all{phrase}, in {n} stretches, the longest of {}.",
-                    duration(total_ms),
-                    duration(longest_ms)
+                _ => format!(
+                    "{what} for {total} in all{phrase}, in {} stretches, the longest of {}.",
+                    stretches.len(),
+                    duration(longest_ms.unwrap_or_default())
                 ),
             }
         }
-        (_, Kind::Did) if n == 0 => format!("No: nobody {past}{phrase}."),
-        (_, _) if n == 0 => format!("Nobody {past}{phrase}."),
+        (_, Kind::Did) if n == 0 => format!("No: nobody {past}{phrase}{far}."),
+        (_, _) if n == 0 => format!("Nobody {past}{phrase}{far}."),
         (_, Kind::Did) if n == 1 => format!("Yes: somebody {past} once{phrase}, at {last}."),
         (_, _) if n == 1 => format!("Somebody {past} once{phrase}, at {last}."),
         (_, Kind::Last) => format!(
@@ -278,78 +317,45 @@ pub(super) fn answer(
             "Somebody first {past} at {first}, {} in all{phrase}.",
             times(n)
         ),
-        (_, Kind::When) if moments.len() <= MAX_TIMES => {
-            let at = list(moments.iter().map(|ms| clock.moment(*ms)), "and");
+        (_, Kind::When) if moments_ms.len() <= MAX_TIMES => {
+            let at = list(moments_ms.iter().map(|ms| clock.moment(*ms)), "and");
             format!("Somebody {past} {}{phrase}: at {at}.", times(n))
         }
         (_, Kind::Did) => format!("Yes: somebody {past} {}{phrase}, last at {last}.", times(n)),
         (_, _) => format!("Somebody {past} {}{phrase}, last at {last}.", times(n)),
-    }];
-    let query = EventQuery {
-        from_ms: Some(from_ms),
-        to_ms: Some(to_ms.saturating_add(1)),
-        kinds: vec![EventKind::Present, EventKind::Absent],
-        person: None,
     };
-    let events = timeline.events(&query, None, MAX_ROWS)?.rows;
-    synthetic |= events.iter().any(|row| row.origin.synthetic);
-    if is_old {
-        sentences.push(format!(
-            "The newest entry of the memory is of {}.",
-            clock.moment(newest_ms)
-        ));
+    let mut sentences = vec![sentence];
+    if n > 0 {
+        sentences.extend(coverage.only(clock));
     }
-    if when.from_ms.is_none_or(|from_ms| oldest_ms > from_ms) {
-        sentences.push(format!("The memory begins at {}.", clock.moment(oldest_ms)));
-    }
-    if synthetic {
-        sentences.push("The radar was simulated.".into());
-    }
-    sentences.push(NOBODY_IDENTIFIED.into());
-    let name = match subject {
-        Subject::Empty | Subject::Left => EventKind::Absent,
-        _ => EventKind::Present,
-    };
-    Ok(Some(Answer {
-        answer: sentences.join(" "),
-        understood: Some(understood(kind, name, when)),
-        searched: None,
-        count: n,
-        first_ms: moments.first().copied(),
-        last_ms: moments.last().copied(),
+    Told {
+        sentences,
+        moments_ms,
         total_ms,
-        synthetic,
-        rows: Vec::new(),
-        events,
-    }))
-}
-
-/// The meaning for programs: the event of presence takes the place of an action.
-fn understood(kind: Kind, event: EventKind, when: when::When) -> Understood {
-    Understood {
-        what: What {
-            kind,
-            actions: vec![event.name().into()],
-            n_asked: 1,
-        },
-        when,
-        ignored: Vec::new(),
     }
 }
 
-/// What is left of a range beside stretches in order of time.
-fn rest_of(stretches: &[Stretch], [from_ms, to_ms]: [i64; 2]) -> Vec<Stretch> {
+/// Sentences about presence in a range of time.
+pub(super) fn outline(phrase: &str, coverage: &Coverage, clock: &Clock) -> Vec<String> {
+    let there = tell(Subject::There, Kind::HowLong, phrase, coverage, clock);
+    let came = tell(Subject::Came, Kind::HowOften, phrase, coverage, clock);
+    let left = tell(Subject::Left, Kind::HowOften, phrase, coverage, clock);
+    let told = [there, came, left].into_iter();
+    told.filter_map(|told| told.sentences.into_iter().next())
+        .collect()
+}
+
+/// When nobody was there.
+fn rest_of(known: &Known) -> Vec<Stretch> {
     let mut rest = Vec::new();
-    let mut start_ms = from_ms;
-    for stretch in stretches {
-        let end_ms = stretch.start_ms;
+    let mut start_ms = known.stretch.start_ms;
+    for presence in &known.presence {
+        let end_ms = presence.start_ms;
         rest.push(Stretch { start_ms, end_ms });
-        start_ms = stretch.end_ms;
+        start_ms = presence.end_ms;
     }
-    rest.push(Stretch {
-        start_ms,
-        end_ms: to_ms,
-    });
+    let end_ms = known.stretch.end_ms;
+    rest.push(Stretch { start_ms, end_ms });
     rest.retain(|s| s.end_ms - s.start_ms >= MIN_REST_MS);
     rest
 }
@@ -357,7 +363,7 @@ fn rest_of(stretches: &[Stretch], [from_ms, to_ms]: [i64; 2]) -> Vec<Stretch> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::tests::{NOW_MS, event, new_store, origin};
+    use crate::store::tests::{NOW_MS, event, new_store, origin, watch};
     use crate::store::{Batch, Store};
 
     const CLOCK: Clock = Clock {
@@ -393,6 +399,14 @@ mod tests {
             ("did anyone come in", (Did, Came)),
             ("when did she come out of the room?", (When, Left)),
             ("has she left?", (Did, Now)),
+            ("is she back?", (Did, Now)),
+            ("is he in?", (Did, Now)),
+            ("has anybody been here?", (Did, There)),
+            ("have you seen her?", (Did, There)),
+            ("when did you last see her?", (Last, There)),
+            ("how long ago was she last seen?", (Last, There)),
+            ("how long has the room been empty?", (HowLong, Now)),
+            ("how long has she been there", (HowLong, Now)),
         ] {
             assert_eq!(of(question), Some(expected), "{question}");
         }
@@ -409,7 +423,6 @@ mod tests {
             "how often did she go to the left",
             "how many people are there",
             "what time is it there",
-            "how long has she been there",
             "how long is it to home",
             "when was the room empty",
             "there",
@@ -419,9 +432,11 @@ mod tests {
         }
     }
 
-    /// Minutes before the present time at which somebody came or left.
+    /// A memory of a radar that has been watched for 301 minutes, and minutes before the present time at which somebody came
+    /// or left.
     fn memory(events: &[(i64, EventKind)]) -> (tempfile::TempDir, Store) {
         let (dir, mut store) = new_store();
+        watch(&mut store, NOW_MS - 301 * MINUTE_MS, NOW_MS);
         let insert = |batch: &Batch<'_>| {
             for (minutes, kind) in events {
                 batch.insert_event(&event(NOW_MS - minutes * MINUTE_MS, *kind), &origin())?;
@@ -435,7 +450,7 @@ mod tests {
     fn says(store: &Store, question: &str) -> String {
         let answer = super::super::ask(store.timeline(), question, CLOCK).unwrap();
         assert!(answer.understood.is_some(), "{question}: {}", answer.answer);
-        let (text, _) = answer.answer.split_once(" The memory begins").unwrap();
+        let (text, _) = answer.answer.split_once(" Nobody is identified").unwrap();
         text.to_string()
     }
 
@@ -451,23 +466,19 @@ mod tests {
         ];
         let (_dir, store) = memory(&events);
         let at = |minutes: i64| CLOCK.moment(NOW_MS - minutes * MINUTE_MS);
+        let is_there = format!("Somebody is there, since {} (5 min).", at(5));
         for (question, expected) in [
-            (
-                "is anybody there?",
-                format!("Somebody is there, since {}.", at(5)),
-            ),
-            (
-                "when was she last seen?",
-                format!("Somebody is there, since {}.", at(5)),
-            ),
+            ("is anybody there?", is_there.clone()),
+            ("how long has she been there?", is_there.clone()),
+            ("when was she last seen?", is_there),
             (
                 "how long was the room empty?",
-                "The room was empty for 3 h 25 min in all, in 2 stretches, the longest of 2 h."
+                "The room was empty for 3 h 26 min in all, in 3 stretches, the longest of 2 h."
                     .into(),
             ),
             (
                 "how long was she there?",
-                "Somebody was there for 1 h 30 min in all, in 3 stretches, the longest of 1 h."
+                "Somebody was there for 1 h 35 min in all, in 3 stretches, the longest of 1 h."
                     .into(),
             ),
             (
@@ -487,53 +498,33 @@ mod tests {
                 "how often did she go out?",
                 format!("Somebody left twice, last at {}.", at(90)),
             ),
+            (
+                "when was she last seen in the last 10 minutes",
+                format!(
+                    "Somebody was last there in the last 10 minutes at {}.",
+                    at(0)
+                ),
+            ),
         ] {
             assert_eq!(says(&store, question), expected, "{question}");
         }
         let (_dir, store) = memory(&[(300, Present), (240, Absent)]);
         assert_eq!(
             says(&store, "is anybody there?"),
-            format!(
-                "Nobody is there, since {}. The newest entry of the memory is of {}.",
-                at(240),
-                at(240)
-            )
+            format!("Nobody is there, since {} (4 h).", at(240))
         );
-        assert!(
-            says(&store, "when was she last seen")
-                .starts_with(&format!("Somebody was last there at {}.", at(240)))
+        assert_eq!(
+            says(&store, "when was she last seen"),
+            format!("Somebody was last there at {}.", at(240))
         );
-        // The program ended while somebody was there, for 230 minutes of which nothing is known.
-        let (_dir, store) = memory(&[
-            (300, Present),
-            (290, EventKind::Suspected),
-            (60, Present),
-            (50, Absent),
-        ]);
-        let there = says(&store, "how long was she there?");
-        assert!(
-            there.starts_with("Somebody was there for 20 min in all, in 2 stretches"),
-            "{there}"
-        );
-        let (_dir, store) = memory(&[(300, Present)]);
-        let now = says(&store, "is anybody there?");
-        assert!(
-            now.starts_with(&format!(
-                "Somebody was there at {}, where the memory ends.",
-                at(300)
-            )),
-            "{now}"
-        );
-        let before =
-            super::super::ask(store.timeline(), "was anybody there on 2026-11-20?", CLOCK).unwrap();
-        assert!(
-            before.answer.starts_with("Nothing is known of that time"),
-            "{}",
-            before.answer
+        assert_eq!(
+            says(&store, "has anybody been here in the last hour?"),
+            "No: nobody was there in the last hour."
         );
         // Nothing was seen.
         let (_dir, store) = new_store();
         let empty = super::super::ask(store.timeline(), "is anybody there?", CLOCK).unwrap();
-        assert_eq!(empty.answer, "The memory is empty.");
+        let expected = "Nothing is known: the memory is empty.";
+        assert!(empty.answer.starts_with(expected), "{}", empty.answer);
     }
 }

@@ -11,8 +11,15 @@ const INCLUDED: [(&str, &[&str]); 3] = [
     ("walk", &["pace", "circle", "limp"]),
 ];
 
-/// Past forms that the lexicon, which is made for captions in the present tense, does not have.
-const PAST_FORMS: [(&str, &str); 30] = [
+/// Past forms that the lexicon, which is made for captions in the present tense, does not have, and words of questions that
+/// no caption has: whoever wakes up is seen to get up, and an alarm is about a fall.
+const PAST_FORMS: [(&str, &str); 36] = [
+    ("wake", "get"),
+    ("wakes", "get"),
+    ("woke", "get"),
+    ("woken", "get"),
+    ("alarm", "fall"),
+    ("alarms", "fall"),
     ("got", "get"),
     ("gotten", "get"),
     ("stood", "stand"),
@@ -107,6 +114,15 @@ pub(super) fn actions(words: &[String]) -> Result<Named, Unnamed> {
     }
 }
 
+/// Completes "was up", which is to have got up.
+pub(super) fn complete(words: &mut Vec<String>) {
+    let up = words.iter().position(|w| w == "up");
+    let is_incomplete = words.iter().all(|w| w == "up" || is_filler(w));
+    if let Some(up) = up.filter(|_| is_incomplete) {
+        words.insert(up, "get".into());
+    }
+}
+
 /// The one action of a phrase.
 fn action(words: &[&str]) -> Result<Option<&'static str>, Unnamed> {
     let clauses = parse(&words.join(" "));
@@ -148,6 +164,13 @@ fn present_tense(words: &[String]) -> Vec<&str> {
         {
             present.truncate(present.len() - 3);
             present.push("up");
+        }
+        // "Go to bed" is to lie down.
+        if let [.., go, "to", "bed"] = present[..]
+            && ["go", "goes", "going"].contains(&go)
+        {
+            present.truncate(present.len() - 3);
+            present.extend(["lie", "down"]);
         }
     }
     present

@@ -38,6 +38,21 @@ pub struct Understood {
     pub ignored: Vec<String>,
 }
 
+impl Understood {
+    /// The meaning of a question about one action, or about an event or a topic that takes its place.
+    pub(super) fn about(kind: Kind, action: &str, when: When) -> Self {
+        Self {
+            what: What {
+                kind,
+                actions: vec![action.into()],
+                n_asked: 1,
+            },
+            when,
+            ignored: Vec::new(),
+        }
+    }
+}
+
 /// What is asked about what.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct What {
@@ -64,11 +79,7 @@ pub(super) struct NotUnderstood {
 pub(super) fn understand(question: &str, clock: &Clock) -> Result<Understood, NotUnderstood> {
     let mut rest = words::split(question);
     let n_words = rest.len();
-    let mut when = clock.always();
-    if let Some((start, found)) = when::find(&rest, clock) {
-        when = found.when;
-        rest.drain(start..start + found.n_words);
-    }
+    let when = when::take(&mut rest, clock);
     let of_interest = |rest: &[String]| {
         let is_content = |w: &&String| !words::is_filler(w) && !words::is_question_word(w);
         rest.iter().filter(is_content).cloned().collect()
@@ -84,6 +95,10 @@ pub(super) fn understand(question: &str, clock: &Clock) -> Result<Understood, No
     if when.from_ms.is_some_and(|from_ms| from_ms >= when.to_ms) {
         return Err(refuse("its time has not begun", clock.always(), &rest));
     }
+    if rest.iter().any(|w| words::is_comparison(w)) {
+        return Err(refuse("it compares times with each other", when, &rest));
+    }
+    words::remove(&mut rest, &["can", "you", "tell", "me"]);
     if rest.iter().any(|w| words::is_negation(w)) {
         return Err(refuse(
             "it asks for what did not happen, or for what is usual",
@@ -91,7 +106,12 @@ pub(super) fn understand(question: &str, clock: &Clock) -> Result<Understood, No
             &rest,
         ));
     }
-    let Some(kind) = take_kind(&mut rest) else {
+    let manner = take_manner(&mut rest);
+    let kind = match manner {
+        Some(_) => Some(Kind::When),
+        None => take_kind(&mut rest),
+    };
+    let Some(kind) = kind else {
         let why = "it does not ask when, how often, how long or whether";
         return Err(refuse(why, when, &rest));
     };
@@ -105,6 +125,10 @@ pub(super) fn understand(question: &str, clock: &Clock) -> Result<Understood, No
     if rest.iter().any(|w| words::is_question_word(w)) {
         return Err(refuse("it asks for several things", when, &rest));
     }
+    // For how long somebody was up is not known from the times of getting up.
+    if kind != Kind::HowLong {
+        verbs::complete(&mut rest);
+    }
     match verbs::actions(&rest) {
         Ok(named) => Ok(Understood {
             what: What {
@@ -113,11 +137,24 @@ pub(super) fn understand(question: &str, clock: &Clock) -> Result<Understood, No
                 n_asked: named.n_asked,
             },
             when,
-            ignored: named.ignored,
+            ignored: manner.into_iter().chain(named.ignored).collect(),
         }),
         Err(Unnamed::Nothing) => Err(refuse("it names no known action", when, &rest)),
         Err(Unnamed::Several) => Err(refuse("it names a combination of actions", when, &rest)),
     }
+}
+
+/// Takes "where", "how" or "who" of "where did she fall": what the memory does not tell, unlike when it happened.
+fn take_manner(rest: &mut Vec<String>) -> Option<String> {
+    let past = ["did", "has", "have", "had", "was", "were"];
+    let is_past = |i: usize| rest.get(i).is_some_and(|w| past.contains(&w.as_str()));
+    let is_manner = match rest.first()?.as_str() {
+        "where" | "how" => is_past(1),
+        // "Who fell", and not "who she fell with".
+        "who" => is_past(1) || verbs::actions(&rest[1..]).is_ok(),
+        _ => false,
+    };
+    is_manner.then(|| rest.remove(0))
 }
 
 /// Takes the words that say what is asked for.
@@ -129,6 +166,13 @@ fn take_kind(rest: &mut Vec<String>) -> Option<Kind> {
     if is_long_ago {
         words::remove(rest, &["last"]);
         return Some(Kind::Last);
+    }
+    if words::remove(rest, &["how", "many", "falls"])
+        || words::remove(rest, &["how", "many", "alarms"])
+        || words::remove(rest, &["number", "of", "falls"])
+    {
+        *rest = vec!["fall".into()];
+        return Some(Kind::HowOften);
     }
     if words::remove(rest, &["how", "often"])
         || words::remove(rest, &["how", "many", "times"])
@@ -157,7 +201,17 @@ fn take_kind(rest: &mut Vec<String>) -> Option<Kind> {
     if is_when {
         return Some(Kind::When);
     }
-    // "Is she walking" asks about the present, which the memory does not know.
+    // "Any falls", "was there an alarm", "whether she fell".
+    let is_noun = |w: &String| ["falls", "alarm", "alarms"].contains(&w.as_str());
+    if rest.iter().any(is_noun) {
+        rest.retain(|w| !words::is_filler(w));
+        return Some(Kind::Did);
+    }
+    if ["whether", "if"].contains(&rest.first()?.as_str()) {
+        rest.remove(0);
+        return Some(Kind::Did);
+    }
+    // "Is she walking" asks about the present.
     let past = ["did", "has", "have", "had", "was", "were"];
     let first = rest.first()?;
     past.contains(&first.as_str()).then_some(Kind::Did)

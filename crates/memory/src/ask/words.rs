@@ -63,6 +63,16 @@ pub(super) fn is_negation(word: &str) -> bool {
     WORDS.contains(&word) || word.ends_with("n't") || word.starts_with("stopp")
 }
 
+/// Words for where somebody lies after a fall.
+pub(super) fn is_floor(word: &str) -> bool {
+    ["floor", "ground"].contains(&word)
+}
+
+/// Words that compare one time with another.
+pub(super) fn is_comparison(word: &str) -> bool {
+    ["more", "less", "fewer", "than", "longer", "compared"].contains(&word)
+}
+
 /// Words that state a time or a number. If one is left, the question is about another time than the one that was
 /// understood. "March" is missing, because it is an action as well.
 pub(super) fn is_time_word(word: &str) -> bool {
@@ -110,7 +120,10 @@ mod tests {
     fn lists_do_not_overlap() {
         for word in FILLERS {
             assert!(
-                !is_time_word(word) && !is_question_word(word) && !is_negation(word),
+                !is_time_word(word)
+                    && !is_question_word(word)
+                    && !is_negation(word)
+                    && !is_comparison(word),
                 "{word}"
             );
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use radarllm_monitor::rows::{EventKind, EventRow};
 use rusqlite::Row;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     Timeline,
@@ -22,7 +22,7 @@ const MAX_RANGE_MS: i64 = 32 * 86_400_000;
 const MAX_EVENTS: usize = 10_000;
 
 /// From one time to another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stretch {
     /// Beginning, milliseconds since 1970 in UTC.
     pub start_ms: i64,
@@ -65,7 +65,8 @@ pub struct Lanes {
 }
 
 impl Timeline {
-    /// The lanes of a range of time. What lasts at its end ends there.
+    /// The lanes of a range of time. What lasts at its end ends there, or at the last sign of life of the run, if that is
+    /// earlier.
     ///
     /// # Errors
     /// A range that is empty or longer than 32 days, or a database that cannot be read.
@@ -82,16 +83,10 @@ impl Timeline {
         let _snapshot = self.snapshot()?;
         let mut lanes = Lanes::default();
         self.add_actions(&mut lanes, from_ms, to_ms)?;
-        lanes.presence = self.spans(
-            &mut lanes.synthetic,
-            [EventKind::Present, EventKind::Absent],
-            [from_ms, to_ms],
-        )?;
-        lanes.silence = self.spans(
-            &mut lanes.synthetic,
-            [EventKind::SourceLost, EventKind::SourceBack],
-            [from_ms, to_ms],
-        )?;
+        let watched = self.watched([from_ms, to_ms], None)?;
+        lanes.presence = watched.presence();
+        lanes.silence = watched.silence;
+        lanes.synthetic |= watched.synthetic;
         let kinds = [EventKind::Suspected, EventKind::Confirmed];
         for row in self.all_events(&kinds, [from_ms, to_ms])? {
             lanes.synthetic |= row.origin.synthetic;
@@ -101,15 +96,6 @@ impl Timeline {
             });
         }
         Ok(lanes)
-    }
-
-    /// When somebody was there in a range of time, ms, and whether a simulated radar is among the origins. What lasts at the end
-    /// of the range ends there.
-    pub(crate) fn presence(&self, range_ms: [i64; 2]) -> Result<(Vec<Stretch>, bool), StoreError> {
-        let mut synthetic = false;
-        let kinds = [EventKind::Present, EventKind::Absent];
-        let spans = self.spans(&mut synthetic, kinds, range_ms)?;
-        Ok((spans, synthetic))
     }
 
     fn add_actions(&self, lanes: &mut Lanes, from_ms: i64, to_ms: i64) -> Result<(), StoreError> {
@@ -152,51 +138,8 @@ impl Timeline {
         Ok(())
     }
 
-    /// The times from an event of the first kind to the next one of the second.
-    fn spans(
-        &self,
-        synthetic: &mut bool,
-        kinds: [EventKind; 2],
-        [from_ms, to_ms]: [i64; 2],
-    ) -> Result<Vec<Stretch>, StoreError> {
-        let before = EventQuery {
-            to_ms: Some(from_ms),
-            kinds: kinds.to_vec(),
-            ..EventQuery::default()
-        };
-        let before = self.events(&before, None, 1)?.rows;
-        let mut began = before
-            .first()
-            .filter(|row| row.event.kind == kinds[0])
-            .map(|_| from_ms);
-        let mut spans = Vec::new();
-        for row in self.all_events(&kinds, [from_ms, to_ms])? {
-            *synthetic |= row.origin.synthetic;
-            let at_ms = row.event.at_ms;
-            if row.event.kind == kinds[0] {
-                // It began twice where the program ended meanwhile: the time between, of which nothing is known, is left out.
-                if let Some(start_ms) = began.replace(at_ms) {
-                    let end_ms = self
-                        .newest_before_ms(at_ms)?
-                        .unwrap_or(start_ms)
-                        .max(start_ms);
-                    spans.push(Stretch { start_ms, end_ms });
-                }
-            } else if let Some(start_ms) = began.take() {
-                let end_ms = at_ms;
-                spans.push(Stretch { start_ms, end_ms });
-            }
-        }
-        let last = began.map(|start_ms| Stretch {
-            start_ms,
-            end_ms: to_ms,
-        });
-        spans.extend(last);
-        Ok(spans)
-    }
-
     /// The events of a range, the oldest first.
-    fn all_events(
+    pub(super) fn all_events(
         &self,
         kinds: &[EventKind],
         [from_ms, to_ms]: [i64; 2],

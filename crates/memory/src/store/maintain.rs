@@ -1,6 +1,7 @@
 //! Keeping the memory small, and forgetting.
 
 use radarllm_base::civil::DAY_MS;
+use radarllm_monitor::rows::EventKind;
 use rusqlite::{ToSql, TransactionBehavior, params};
 use serde::Serialize;
 
@@ -70,6 +71,12 @@ const OLD_POINTS: &str = "DELETE FROM points WHERE id IN
     (SELECT id FROM points WHERE start_ms < ?1 AND end_ms < ?1 AND activity IS NOT NULL ORDER BY start_ms LIMIT ?2)";
 const OLD_EVENT_POINTS: &str = "DELETE FROM points WHERE id IN
     (SELECT id FROM points WHERE start_ms < ?1 AND event IS NOT NULL ORDER BY start_ms LIMIT ?2)";
+/// Runs of a time before which all events were deleted.
+const OLD_RUNS: &str =
+    "DELETE FROM run WHERE id IN (SELECT id FROM run WHERE end_ms < ?1 LIMIT ?2)";
+/// Activities before a time were deleted: that they are not there does not mean that nothing happened.
+const FORGET_ACTIVITIES: &str =
+    "UPDATE run SET activities_ms = ?1 WHERE start_ms < ?1 AND activities_ms < ?1";
 const UNUSED_ORIGINS: &str = "DELETE FROM origin WHERE id IN (SELECT id FROM origin o
     WHERE NOT EXISTS (SELECT 1 FROM activity WHERE origin = o.id)
     AND NOT EXISTS (SELECT 1 FROM event WHERE origin = o.id) LIMIT ?1)";
@@ -93,14 +100,30 @@ impl Store {
         for sql in [OLD_POINTS, OLD_EVENT_POINTS] {
             deleted.points += self.shrink(retention.max_bytes, sql, BATCH_BLOBS)?;
         }
-        deleted.activities += self.shrink(retention.max_bytes, OLD_ACTIVITIES, BATCH_ROWS)?;
+        let n_shrunk = self.shrink(retention.max_bytes, OLD_ACTIVITIES, BATCH_ROWS)?;
+        deleted.activities += n_shrunk;
+        self.delete_all(OLD_RUNS, &[&events_ms, &BATCH_ROWS])?;
+        self.delete(
+            "UPDATE run SET start_ms = ?1 WHERE start_ms < ?1",
+            &[&events_ms],
+        )?;
+        self.delete(FORGET_ACTIVITIES, &[&activities_ms])?;
+        if n_shrunk > 0 {
+            let oldest = "SELECT coalesce(min(start_ms), ?1) FROM activity";
+            let connection = &self.timeline.connection;
+            let kept_ms: i64 = connection
+                .query_row(oldest, [now_ms], |row| row.get(0))
+                .map_err(|e| self.timeline.error("read the oldest time", e))?;
+            self.delete(FORGET_ACTIVITIES, &[&kept_ms])?;
+        }
         self.delete_all(UNUSED_ORIGINS, &[&BATCH_ROWS])?;
         self.give_back()?;
         Ok(deleted)
     }
 
     /// Forgets everything before a time, or between two times, milliseconds since 1970 in UTC: activities that overlap
-    /// the range, events in it, and points from it. `from_ms` belongs to the range, `to_ms` does not.
+    /// the range, events in it, and points from it. `from_ms` belongs to the range, `to_ms` does not. Nothing is known of the
+    /// range afterwards, not even that nothing happened: runs that overlap it are cut.
     ///
     /// Afterwards the bytes are neither in the database nor in its write-ahead log: the rows are overwritten, the
     /// full-text index is built anew, the database is rewritten, and the log is emptied. This needs free space for twice
@@ -123,6 +146,7 @@ impl Store {
             let path = self.timeline.path.clone();
             return Err(StoreError::Replaced { path });
         }
+        self.keep_states(from_ms, to_ms)?;
         let mut delete = |sql, n_rows: i64| self.delete_all(sql, &[&from_ms, &to_ms, &n_rows]);
         let deleted = Deleted {
             points: delete(
@@ -141,6 +165,18 @@ impl Store {
                 BATCH_ROWS,
             )?,
         };
+        for sql in [
+            "INSERT INTO run (start_ms, end_ms, is_over, activities_ms)
+             SELECT start_ms, ?1, 1, activities_ms FROM run WHERE start_ms < ?1 AND end_ms > ?2",
+            "DELETE FROM run WHERE start_ms >= ?1 AND end_ms <= ?2",
+        ] {
+            self.delete(sql, &[&from_ms, &to_ms])?;
+        }
+        let begin_later = "UPDATE run SET start_ms = ?1 WHERE start_ms < ?1 AND end_ms > ?1";
+        self.delete(begin_later, &[&to_ms])?;
+        let end_earlier =
+            "UPDATE run SET end_ms = ?1, is_over = 1 WHERE start_ms < ?1 AND end_ms > ?1";
+        self.delete(end_earlier, &[&from_ms])?;
         self.delete_all(UNUSED_ORIGINS, &[&BATCH_ROWS])?;
         // First the zeros of `secure_delete` reach the database, then the rewritten database.
         self.checkpoint()?;
@@ -154,6 +190,24 @@ impl Store {
                 path: self.timeline.path.clone(),
             }),
         }
+    }
+
+    /// Keeps what was so at the end of a range that is forgotten, as an event of that moment: that somebody was there, and that
+    /// the radar was silent.
+    fn keep_states(&mut self, from_ms: i64, to_ms: i64) -> Result<(), StoreError> {
+        let states = [
+            [EventKind::Present, EventKind::Absent],
+            [EventKind::SourceLost, EventKind::SourceBack],
+        ];
+        for [begun, ended] in states {
+            self.delete(
+                "UPDATE event SET at_ms = ?2, person = NULL, data = NULL WHERE kind = ?3 AND at_ms >= ?1 AND id = (
+                    SELECT e.id FROM event e JOIN run r ON r.start_ms <= e.at_ms AND r.start_ms < ?2 AND r.end_ms > ?2
+                    WHERE e.kind IN (?3, ?4) AND e.at_ms < ?2 ORDER BY e.at_ms DESC, e.id DESC LIMIT 1)",
+                &[&from_ms, &to_ms, &begun.name(), &ended.name()],
+            )?;
+        }
+        Ok(())
     }
 
     /// Writes the log into the database and empties it. To be called every hour or so.
@@ -260,6 +314,7 @@ impl Store {
         }
     }
 
+    /// Deletes or changes rows in one transaction. Returns how many.
     fn delete(&mut self, sql: &str, values: &[&dyn ToSql]) -> Result<u64, StoreError> {
         let path = &self.timeline.path;
         let mut delete = || {

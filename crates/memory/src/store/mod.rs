@@ -1,21 +1,24 @@
-//! The memory: an SQLite database with activities, events, points and where they come from.
+//! The memory: an SQLite database with activities, events, points, where they come from, and when a radar was watched.
 //!
 //! One [`Store`] writes; any number of [`Timeline`]s read, also in other processes. Times are milliseconds since 1970 in
 //! UTC; the present time is always given by the caller.
 //!
 //! What is kept is in [`rows`](radarllm_monitor::rows).
 //!
-//! Reading order: [`limits`] (of what is kept), [`timeline`] (queries), [`write`](mod@write) (transactions), [`maintain`]
+//! Reading order: [`limits`] (of what is kept), [`timeline`] (queries), [`runs`] (of which time something is known),
+//! [`lanes`] (a range of time for a page), `falls` (alarms), [`write`](mod@write) (transactions), [`maintain`]
 //! (retention, forgetting, checks); private: `schema` (tables), `open` (lock, file mode, damaged files), `cursor` (pages), `filter`
 //! (queries to SQL conditions), `convert` (rows of tables to types), `text` (words of a user to a full-text query).
 
 mod convert;
 mod cursor;
+pub(crate) mod falls;
 mod filter;
 pub mod lanes;
 pub mod limits;
 pub mod maintain;
 mod open;
+pub mod runs;
 mod schema;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -30,6 +33,7 @@ use rusqlite::{Connection, TransactionBehavior};
 
 pub use cursor::Cursor;
 pub use maintain::{Checkpoint, Deleted, Retention};
+pub use runs::Run;
 pub use timeline::{ActivityQuery, EventQuery, Page, PointsOf, Tally, Timeline};
 pub use write::Batch;
 

@@ -169,7 +169,7 @@ pub(super) fn writer(path: &Path) -> Result<Connection, StoreError> {
     Ok(connection)
 }
 
-/// Opens an existing database for reading.
+/// Opens an existing database for reading. One of an earlier version gets the tables of this one first.
 pub(super) fn reader(path: &Path) -> Result<Connection, StoreError> {
     fs::metadata(path).map_err(|source| StoreError::Io {
         path: path.into(),
@@ -182,12 +182,15 @@ pub(super) fn reader(path: &Path) -> Result<Connection, StoreError> {
         .map_err(|e| StoreError::of(path, "open", e))?;
     match checked_kind(path, &connection)? {
         Kind::Ours(schema::NEWEST) => check_tables(path, &connection)?,
-        Kind::Ours(version) => {
-            let problem = format!(
-                "schema version {version} is older than {}; open the file for writing once",
-                schema::NEWEST
-            );
-            return Err(unusable(path, problem));
+        Kind::Ours(_) => {
+            drop(connection);
+            let lock = lock(path)?;
+            let connection = writer(path)?;
+            connection
+                .pragma_update(None, "query_only", true)
+                .map_err(|e| StoreError::of(path, "configure", e))?;
+            drop(lock);
+            return Ok(connection);
         }
         Kind::Empty | Kind::Foreign => {
             return Err(unusable(path, "the database has no timeline".into()));

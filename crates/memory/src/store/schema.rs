@@ -6,7 +6,7 @@ use rusqlite::{Connection, Row};
 pub(super) const APPLICATION_ID: i64 = 0x524c_4c4d;
 
 /// What each version adds to the one before. A published version is never changed; a new one is appended.
-const MIGRATIONS: [&str; 1] = ["
+const MIGRATIONS: [&str; 2] = ["
 CREATE TABLE origin (
     id INTEGER PRIMARY KEY,
     source TEXT NOT NULL,
@@ -74,6 +74,27 @@ WHEN old.caption <> new.caption OR old.action <> new.action BEGIN
     VALUES ('delete', old.id, old.caption, old.action);
     INSERT INTO activity_fts (rowid, caption, action) VALUES (new.id, new.caption, new.action);
 END;
+", "
+-- When a radar was watched: nothing is known of the time outside of all runs.
+CREATE TABLE run (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    start_ms INTEGER NOT NULL,
+    -- The last sign of life.
+    end_ms INTEGER NOT NULL,
+    -- Whether the run ended in order.
+    is_over INTEGER NOT NULL,
+    -- Activities before this time were deleted.
+    activities_ms INTEGER NOT NULL DEFAULT 0
+);
+CREATE INDEX run_by_end ON run (end_ms, id);
+-- Before this version, nothing was written of runs. An hour without any entry counts as time in which none was.
+INSERT INTO run (start_ms, end_ms, is_over)
+SELECT min(s), max(e), 1 FROM (
+    SELECT s, e, sum(is_new) OVER (ORDER BY s, e ROWS UNBOUNDED PRECEDING) AS n FROM (
+        SELECT s, e, s > 3600000 + coalesce(
+            max(e) OVER (ORDER BY s, e ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING), s) AS is_new
+        FROM (SELECT start_ms AS s, end_ms AS e FROM activity UNION ALL SELECT at_ms, at_ms FROM event)))
+GROUP BY n;
 "];
 
 /// The newest schema version.

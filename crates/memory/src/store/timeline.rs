@@ -15,9 +15,6 @@ use crate::error::StoreError;
 
 /// Most rows of a page.
 pub const MAX_PAGE: usize = 500;
-/// Longest time from a fall that a sentence states to the alarm of the same fall, ms. An alarm is confirmed after a dwell
-/// time, 20 s by default.
-const ALARM_DELAY_MS: i64 = 120_000;
 /// Most actions of a query.
 pub const MAX_ACTIONS: usize = 32;
 
@@ -91,18 +88,6 @@ pub enum PointsOf {
     Activity(i64),
     /// Those around the event with this number.
     Event(i64),
-}
-
-/// Confirmed fall alarms. Those alone have no activity `fall` within [`ALARM_DELAY_MS`] before them.
-#[derive(Clone, Debug, PartialEq, Eq, Default)]
-pub(crate) struct Alarms {
-    pub count: u64,
-    pub n_alone: u64,
-    pub first_alone_ms: Option<i64>,
-    pub last_alone_ms: Option<i64>,
-    /// The first ones, oldest first, at most [`MAX_PAGE`].
-    pub times_alone_ms: Vec<i64>,
-    pub synthetic: bool,
 }
 
 /// Order of a list by time.
@@ -298,14 +283,6 @@ impl Timeline {
         self.time_ms("read the newest time", sql)
     }
 
-    /// The end of the newest activity that began before a time, or the time of the newest event before it, whichever is later.
-    pub(crate) fn newest_before_ms(&self, at_ms: i64) -> Result<Option<i64>, StoreError> {
-        let sql = "SELECT max(ms) FROM (SELECT max(min(end_ms, ?1)) AS ms FROM activity WHERE start_ms < ?1
-                   UNION ALL SELECT max(at_ms) FROM event WHERE at_ms < ?1)";
-        let selected = self.connection.query_row(sql, [at_ms], |row| row.get(0));
-        selected.map_err(|e| self.error("read the newest time before another", e))
-    }
-
     /// The time of the oldest activity or event, milliseconds since 1970 in UTC, or `None` if the memory is empty.
     ///
     /// # Errors
@@ -317,7 +294,11 @@ impl Timeline {
     }
 
     /// The time that a query without parameters selects.
-    fn time_ms(&self, operation: &'static str, sql: &str) -> Result<Option<i64>, StoreError> {
+    pub(super) fn time_ms(
+        &self,
+        operation: &'static str,
+        sql: &str,
+    ) -> Result<Option<i64>, StoreError> {
         let selected = self.connection.query_row(sql, [], |row| row.get(0));
         selected.map_err(|e| self.error(operation, e))
     }
@@ -340,45 +321,6 @@ impl Timeline {
             Some(filter) => self.select_activities(filter, order, limit),
             None => Ok(Vec::new()),
         }
-    }
-
-    /// Confirmed fall alarms of a range of time.
-    pub(crate) fn alarms(&self, from_ms: Option<i64>, to_ms: i64) -> Result<Alarms, StoreError> {
-        // An alarm is confirmed some time after the fall that a sentence states.
-        const ALONE: &str = "NOT EXISTS (SELECT 1 FROM activity a WHERE a.action = 'fall'
-            AND a.start_ms BETWEEN e.at_ms - ?3 AND e.at_ms)";
-        const RANGE: &str = "e.kind = 'confirmed' AND e.at_ms >= ?1 AND e.at_ms < ?2";
-        let from_ms = from_ms.unwrap_or(i64::MIN);
-        let read = || {
-            let sql = format!(
-                "SELECT count(*), coalesce(sum(alone), 0), min(iif(alone, at_ms, NULL)), max(iif(alone, at_ms, NULL)),
-                        coalesce(max(synthetic), 0)
-                 FROM (SELECT e.at_ms AS at_ms, {ALONE} AS alone, o.synthetic AS synthetic
-                       FROM event e JOIN origin o ON o.id = e.origin WHERE {RANGE})"
-            );
-            let values = [from_ms, to_ms, ALARM_DELAY_MS];
-            let mut statement = self.connection.prepare_cached(&sql)?;
-            let alarms = statement.query_row(values, |row| {
-                Ok(Alarms {
-                    count: row.get(0)?,
-                    n_alone: row.get(1)?,
-                    first_alone_ms: row.get(2)?,
-                    last_alone_ms: row.get(3)?,
-                    synthetic: row.get(4)?,
-                    times_alone_ms: Vec::new(),
-                })
-            })?;
-            let sql = format!(
-                "SELECT e.at_ms FROM event e WHERE {RANGE} AND {ALONE} ORDER BY e.at_ms LIMIT {MAX_PAGE}"
-            );
-            let mut statement = self.connection.prepare_cached(&sql)?;
-            let times = statement.query_map(values, |row| row.get(0))?;
-            Ok(Alarms {
-                times_alone_ms: times.collect::<rusqlite::Result<_>>()?,
-                ..alarms
-            })
-        };
-        read().map_err(|e| self.error("read alarms", e))
     }
 
     fn select_activities(

@@ -9,6 +9,7 @@ use rusqlite::{OptionalExtension, Transaction, params};
 use super::limits::{
     MAX_DATA_BYTES, check_activity, check_end, check_growth, check_origin, check_time,
 };
+use super::runs::Run;
 use super::timeline::PointsOf;
 use crate::error::StoreError;
 
@@ -117,6 +118,33 @@ impl Batch<'_> {
             "add an event",
             "INSERT INTO event (at_ms, kind, person, data, origin) VALUES (?1, ?2, ?3, ?4, ?5)",
             params![event.at_ms, event.kind.name(), event.person, data, origin],
+        )?;
+        Ok(self.transaction.last_insert_rowid())
+    }
+
+    /// Adds a run, or lets the run with a number last until the end that is given here, and returns its number. A run that is
+    /// gone is added again.
+    ///
+    /// # Errors
+    /// [`StoreError::Invalid`] for a time that is not kept or an end before the start, or a database that cannot be written.
+    pub fn write_run(&self, id: Option<i64>, run: &Run) -> Result<i64, StoreError> {
+        check_time("start_ms", run.start_ms)?;
+        check_time("end_ms", run.end_ms)?;
+        if run.end_ms < run.start_ms {
+            let expected = "no time before the start";
+            return Err(StoreError::invalid("end_ms", expected, run.end_ms));
+        }
+        if let Some(id) = id {
+            let sql = "UPDATE run SET end_ms = max(end_ms, ?2), is_over = ?3 WHERE id = ?1";
+            let values = params![id, run.end_ms, run.is_over];
+            if self.execute("extend a run", sql, values)? > 0 {
+                return Ok(id);
+            }
+        }
+        self.execute(
+            "add a run",
+            "INSERT INTO run (start_ms, end_ms, is_over) VALUES (?1, ?2, ?3)",
+            params![run.start_ms, run.end_ms, run.is_over],
         )?;
         Ok(self.transaction.last_insert_rowid())
     }

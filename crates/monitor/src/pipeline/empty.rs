@@ -1,11 +1,11 @@
 //! The empty room, learnt before anybody is looked for.
 //!
 //! A fan, a curtain or a plant moves as people do. For some time at the start the room must be empty; cells of position and
-//! velocity in which it has points are removed afterwards, as `--background` does with a recording of the empty room. While
-//! the room is learnt, nobody is seen.
+//! velocity in which it has points, and places on the floor where something moves, are removed afterwards, as
+//! `--background` does with a recording of the empty room. While the room is learnt, nobody is seen.
 
 use radarllm_base::PointFrame;
-use radarllm_tracking::{BackgroundOptions, PointBackground};
+use radarllm_tracking::{BackgroundOptions, MAX_PLACES_M2, PointBackground};
 
 use crate::options::{OptionError, within};
 
@@ -82,14 +82,40 @@ impl EmptyRoom {
 
     /// What whoever looks at the health should know at a time of the stream, s.
     pub fn problem(&self, t_s: f64) -> Option<String> {
-        let Self::Learning { for_s, until_s, .. } = self else {
+        match self {
+            Self::Unknown => None,
+            Self::Learning { for_s, until_s, .. } => {
+                let left_s = until_s.map_or(*for_s, |until_s| (until_s - t_s).max(0.0));
+                Some(format!(
+                    "the empty room is being learnt for another {left_s:.0} s, and nobody is seen"
+                ))
+            }
+            Self::Known(background) => too_much(background),
+        }
+    }
+
+    /// What was learnt, in words, once the room is known.
+    pub fn summary(&self) -> Option<String> {
+        let Self::Known(background) = self else {
             return None;
         };
-        let left_s = until_s.map_or(*for_s, |until_s| (until_s - t_s).max(0.0));
-        Some(format!(
-            "the empty room is being learnt for another {left_s:.0} s, and nobody is seen"
-        ))
+        let what = match background.n_places() {
+            0 => "nothing moves there".into(),
+            1 => "1 place where something moves is ignored from now on".into(),
+            n => format!("{n} places where something moves are ignored from now on"),
+        };
+        Some(too_much(background).unwrap_or_else(|| format!("the empty room was learnt: {what}")))
     }
+}
+
+/// Why nothing that moves is ignored, although something does.
+fn too_much(background: &PointBackground) -> Option<String> {
+    let moving_m2 = background.moving_m2();
+    (moving_m2 > MAX_PLACES_M2).then(|| {
+        format!(
+            "what moves was not learnt: something moved on {moving_m2:.1} m2 of the floor while the room should have been empty, expected at most {MAX_PLACES_M2} m2"
+        )
+    })
 }
 
 #[cfg(test)]
@@ -140,9 +166,33 @@ mod tests {
             room.clean(&mut one);
             batch.remove(&mut expected);
             assert_eq!(one, expected[0]);
-            assert_eq!(one.points.len(), 2);
+            // All that is where the fan moves.
+            assert_eq!(one.points, [walker]);
             assert_eq!(room.problem(one.time_s), None);
         }
+        let summary = room.summary().unwrap();
+        assert!(
+            summary.contains("1 place where something moves"),
+            "{summary}"
+        );
+    }
+
+    #[test]
+    fn what_was_learnt_is_told_also_where_it_is_nothing_or_too_much() {
+        let after = |points_of: &dyn Fn(u32) -> Vec<RadarPoint>| {
+            let mut room = EmptyRoom::new(5.0).unwrap();
+            assert_eq!(room.summary(), None);
+            for n in 0..=50 {
+                room.clean(&mut frame(n, &points_of(n)));
+            }
+            (room.summary().unwrap(), room.problem(12.0))
+        };
+        let (summary, problem) = after(&|_| Vec::new());
+        assert!(summary.contains("nothing moves there") && problem.is_none());
+        // Somebody walks about, 1 m with every frame and there again.
+        let (summary, problem) = after(&|n| vec![point((n % 25) as f32, 0.8)]);
+        assert!(summary.contains("was not learnt"), "{summary}");
+        assert_eq!(problem, Some(summary));
     }
 
     #[test]

@@ -33,9 +33,9 @@ use radarllm_tracking::LiveTrack;
 use crate::activities::{Activities, ActivityOptions, Label, Row, WindowCaption, WindowReading};
 use crate::clock::{StreamClock, Tick};
 use crate::counters::Counters;
-use crate::falls::{FALL, FallEvent, FallState};
+use crate::falls::{EarlierFall, FALL, FallEvent, FallState};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
-use crate::options::{OptionError, within};
+use crate::options::{OptionError, has_passed, within};
 use crate::people::UNTRACKED;
 use crate::presence::{Presence, PresenceUpdate};
 use crate::rows::{Activity, Event, EventKind};
@@ -48,6 +48,8 @@ use pace::Pace;
 use surroundings::Surroundings;
 use windows::{Window, WindowOptions, Windows};
 
+/// Time after which another number of people is published, s: the tracker has some people twice for a moment.
+const PEOPLE_S: f64 = 2.0;
 /// Time between two messages about the health, s.
 const HEALTH_S: f64 = 5.0;
 
@@ -66,8 +68,8 @@ pub enum Described {
         caption: String,
         /// Actions of its clauses, in order of time.
         actions: Vec<String>,
-        /// Its confidence, 0 to 1.
-        confidence: f64,
+        /// Its confidence, 0 to 1; `None` if it says only what the points show of any motion.
+        confidence: Option<f64>,
         /// Those of the actions that were measured, not read by a model.
         measured: Vec<String>,
     },
@@ -179,6 +181,9 @@ pub struct Pipeline {
     /// Whether the last window showed somebody who is not tracked.
     is_untracked_present: bool,
     is_occupied: bool,
+    /// Number of people in the newest message, and since when there has been another number, s.
+    n_people: usize,
+    n_people_other_s: Option<f64>,
     health_at_s: f64,
     stamp: Stamp,
 }
@@ -215,6 +220,8 @@ impl Pipeline {
             is_absence_published: false,
             is_untracked_present: false,
             is_occupied: false,
+            n_people: 0,
+            n_people_other_s: None,
             health_at_s: f64::NEG_INFINITY,
             stamp: Stamp {
                 utc_ms: 0,
@@ -247,6 +254,12 @@ impl Pipeline {
         };
         frame.points.retain(|p| !p.is_leakage());
         self.empty.clean(&mut frame);
+        if self.counters.room_learnt.get().is_none()
+            && let Some(summary) = self.empty.summary()
+        {
+            // It was empty just now.
+            let _ = self.counters.room_learnt.set(summary);
+        }
         if self.surroundings.clean(&mut frame) {
             self.windows.remove(|p| self.surroundings.is_static(p));
         }
@@ -285,6 +298,7 @@ impl Pipeline {
             }
         } else if !self.windows.is_lingering()
             && !self.is_untracked_present
+            && self.watch.open_falls().is_empty()
             && !std::mem::replace(&mut self.is_absence_published, true)
         {
             let now = self.now(None, None, None, Label::Nobody.name());
@@ -343,20 +357,39 @@ impl Pipeline {
             false => FallState::Dismissed,
         };
         let at_s = self.stamp.t_s;
-        let [message, mut event] = self.fall(&FallEvent {
+        let event = FallEvent {
             fall,
             person: open.person,
             state,
             at_s,
             dwell_s: at_s - open.since_s,
             place_m: open.place_m,
-        });
-        if let Output::Event(event) = &mut event
-            && let Some(data) = &mut event.data
-        {
-            data["acknowledged"] = true.into();
-        }
-        vec![message, event]
+        };
+        self.fall_by(&event, true).into()
+    }
+
+    /// Takes falls over that an earlier run of the program knew and that have not ended: nobody has risen because a program
+    /// was started anew. To be called before the first frame, at a time of the computer, milliseconds since 1970 in UTC.
+    pub fn restore(&mut self, falls: &[EarlierFall], now_ms: i64) -> Vec<Output> {
+        self.stamp.utc_ms = self.stamp.utc_ms.max(now_ms);
+        let update = self.watch.restore(falls);
+        let mut out = Vec::new();
+        self.presence_changed(&update, &mut out);
+        // That they were suspected or confirmed is in the memory already.
+        out.extend(falls.iter().map(|earlier| {
+            self.message(Body::Fall(messages::Fall {
+                id: earlier.fall,
+                state: match earlier.is_confirmed {
+                    true => messages::FallState::Confirmed,
+                    false => messages::FallState::Suspected,
+                },
+                person: Some(earlier.person),
+                dwell_s: earlier.age_s,
+                acknowledged: false,
+                synthetic: self.is_synthetic(),
+            }))
+        }));
+        out
     }
 
     fn gaps(&mut self, tick: &Tick) -> Vec<Output> {
@@ -436,10 +469,13 @@ impl Pipeline {
             } => {
                 caption = Some(WindowCaption {
                     text,
-                    confidence: Some(confidence.clamp(0.0, 1.0)),
+                    confidence: confidence.map(|confidence| confidence.clamp(0.0, 1.0)),
                     place_m: Some(window.place_m),
                 });
-                (actions, measured) = (stated, by_measuring);
+                measured = by_measuring;
+                actions = self
+                    .activities
+                    .add_changes(window.person, stated, &mut measured);
                 None
             }
             Described::Abstained { reason } => {
@@ -508,17 +544,32 @@ impl Pipeline {
     }
 
     fn presence_changed(&mut self, update: &PresenceUpdate, out: &mut Vec<Output>) {
-        if !update.has_changed {
+        let n_people = match update.presence.is_occupied() {
+            true => update.n_tracked + update.n_held,
+            false => 0,
+        };
+        let t_s = self.stamp.t_s;
+        if n_people == self.n_people {
+            self.n_people_other_s = None;
+        }
+        let is_settled =
+            |other_s: &mut Option<f64>| has_passed(*other_s.get_or_insert(t_s), t_s, PEOPLE_S);
+        let is_other = n_people != self.n_people && is_settled(&mut self.n_people_other_s);
+        if !update.has_changed && !is_other {
             return;
         }
+        (self.n_people, self.n_people_other_s) = (n_people, None);
         let is_occupied = update.presence.is_occupied();
         let was_occupied = std::mem::replace(&mut self.is_occupied, is_occupied);
-        let n_people = update.n_tracked + update.n_held;
         let (state, why) = match update.presence {
             Presence::Absent => (PresenceState::Absent, None),
             Presence::Present => (
                 PresenceState::Present,
                 Some(format!("people who are tracked: {}", update.n_tracked)),
+            ),
+            Presence::Held if update.n_fallen > 0 => (
+                PresenceState::Held,
+                Some("somebody fell and has not risen".into()),
             ),
             Presence::Held => (
                 PresenceState::Held,
@@ -541,6 +592,11 @@ impl Pipeline {
     }
 
     fn fall(&self, event: &FallEvent) -> [Output; 2] {
+        self.fall_by(event, false)
+    }
+
+    /// The message and the event of a change of a fall, which a user may have made.
+    fn fall_by(&self, event: &FallEvent, acknowledged: bool) -> [Output; 2] {
         let state = match event.state {
             FallState::Suspected => messages::FallState::Suspected,
             FallState::Confirmed => messages::FallState::Confirmed,
@@ -552,13 +608,17 @@ impl Pipeline {
             state,
             person: Some(event.person),
             dwell_s: event.dwell_s,
+            acknowledged,
             synthetic: self.is_synthetic(),
         };
-        let data = serde_json::json!({
+        let mut data = serde_json::json!({
             "fall": event.fall,
             "dwell_s": event.dwell_s,
             "place_m": event.place_m,
         });
+        if acknowledged {
+            data["acknowledged"] = true.into();
+        }
         [
             self.message(Body::Fall(message)),
             self.event(event.state.event_kind(), Some(event.person), Some(data)),

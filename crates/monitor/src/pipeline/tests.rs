@@ -32,7 +32,7 @@ impl Describe for ByHeight {
         Described::Sentence {
             caption: caption.into(),
             actions: vec![action.into()],
-            confidence: 0.7,
+            confidence: Some(0.7),
             measured: Vec::new(),
         }
     }
@@ -192,7 +192,7 @@ impl Describe for Falls {
         Described::Sentence {
             caption: "a person falls 2.0 m away".into(),
             actions: vec!["fall".into()],
-            confidence: 0.7,
+            confidence: Some(0.7),
             measured: match self.is_measured {
                 true => vec!["fall".into()],
                 false => Vec::new(),
@@ -217,6 +217,44 @@ fn a_measured_fall_is_suspected_whatever_the_heights_are() {
     };
     assert_eq!(suspected(false), 0);
     assert!(suspected(true) >= 1);
+}
+
+/// Measures that the person sits until 15 s, and walks afterwards; never both in a window.
+struct SitsThenWalks;
+
+impl Describe for SitsThenWalks {
+    fn describe(&mut self, clip: &Clip) -> Described {
+        let end_s = clip.frames.last().map_or(0.0, |frame| frame.time_s);
+        let (caption, action) = match end_s < 15.0 {
+            true => ("a person sits", "sit_still"),
+            false => ("a person walks", "walk"),
+        };
+        Described::Sentence {
+            caption: caption.into(),
+            actions: vec![action.into()],
+            confidence: Some(0.7),
+            measured: vec![action.into()],
+        }
+    }
+}
+
+#[test]
+fn who_sat_in_one_window_and_walks_in_the_next_one_has_got_up() {
+    let options = PipelineOptions::default();
+    let describer = Box::new(SitsThenWalks);
+    let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+    let mut outputs = Vec::new();
+    for n in 0..300u32 {
+        let moving = PointFrame {
+            points: body(0.4 * (n as f32 * 0.05).sin(), 1.7),
+            ..frame(n)
+        };
+        outputs.extend(pipeline.push_frame(moving, Arrival::Replayed(START_MS), true));
+    }
+    outputs.extend(pipeline.finish());
+    let mut actions: Vec<String> = rows(&outputs).into_iter().map(|row| row.0).collect();
+    actions.sort_unstable();
+    assert_eq!(actions, ["sit_still", "stand_up", "walk"]);
 }
 
 #[test]
@@ -298,6 +336,83 @@ fn a_silent_radar_ends_rows_and_presence() {
     assert_eq!(kinds, expected);
 }
 
+/// The state and the number of people of every message about presence.
+fn presences(outputs: &[Output]) -> Vec<(PresenceState, u32)> {
+    let presence = |output: &Output| match output {
+        Output::Message(_, Body::Presence(presence)) => Some((presence.state, presence.people)),
+        _ => None,
+    };
+    outputs.iter().filter_map(presence).collect()
+}
+
+#[test]
+fn who_fell_is_there_while_the_radar_is_silent() {
+    let options = PipelineOptions::default();
+    let describer = Box::new(ByHeight::default());
+    let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+    let at_ms = |n: u32| START_MS + i64::from(n) * 100;
+    let mut outputs = Vec::new();
+    // The fall at 20 s is suspected at 21 s.
+    for n in 0..230 {
+        outputs.extend(pipeline.push_frame(frame(n), Arrival::At(at_ms(n)), true));
+    }
+    outputs.extend(pipeline.source_lost(at_ms(250), "unplugged"));
+    let kinds: Vec<EventKind> = events(&outputs).iter().map(|(_, kind)| *kind).collect();
+    let expected = [
+        EventKind::Present,
+        EventKind::Suspected,
+        EventKind::SourceLost,
+    ];
+    assert_eq!(kinds, expected);
+    assert_eq!(
+        presences(&outputs).last(),
+        Some(&(PresenceState::Held, 1)),
+        "{:?}",
+        presences(&outputs)
+    );
+}
+
+#[test]
+fn falls_of_an_earlier_run_are_told_and_end_by_a_users_word() {
+    let options = PipelineOptions::default();
+    let describer = Box::new(ByHeight::default());
+    let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+    let earlier = EarlierFall {
+        fall: 4,
+        person: 9,
+        is_confirmed: true,
+        age_s: 120.0,
+        place_m: [0.0, 2.5],
+    };
+    let restored = pipeline.restore(&[earlier], START_MS);
+    assert_eq!(presences(&restored), [(PresenceState::Held, 1)]);
+    assert_eq!(events(&restored), [(0, EventKind::Present)]);
+    let is_told = restored.iter().any(|output| {
+        matches!(output, Output::Message(_, Body::Fall(fall))
+            if fall.id == 4 && fall.state == messages::FallState::Confirmed && fall.dwell_s == 120.0)
+    });
+    assert!(is_told, "{restored:?}");
+    // Nobody is seen for a minute, and the fall stays open.
+    let empty = |n: u32| PointFrame {
+        points: Vec::new(),
+        ..frame(n)
+    };
+    let mut outputs = Vec::new();
+    for n in 0..600 {
+        let at = Arrival::At(START_MS + i64::from(n) * 100);
+        outputs.extend(pipeline.push_frame(empty(n), at, true));
+    }
+    assert!(events(&outputs).is_empty() && presences(&outputs).is_empty());
+    let is_absence = |output: &Output| matches!(output, Output::Message(_, Body::Now(now)) if now.label == "nobody");
+    assert!(!outputs.iter().any(is_absence));
+    let ended = pipeline.acknowledge(4);
+    assert_eq!(events(&ended), [(59, EventKind::Recovered)]);
+    let is_told = ended
+        .iter()
+        .any(|output| matches!(output, Output::Message(_, Body::Fall(fall)) if fall.acknowledged));
+    assert!(is_told, "{ended:?}");
+}
+
 #[test]
 fn a_computer_that_is_too_slow_has_fewer_windows_until_it_is_fast_again() {
     let options = PipelineOptions::default();
@@ -374,7 +489,7 @@ impl Describe for Recovering {
             None => Described::Sentence {
                 caption: "a person walks".into(),
                 actions: vec!["walk".into()],
-                confidence: 0.7,
+                confidence: Some(0.7),
                 measured: Vec::new(),
             },
         }

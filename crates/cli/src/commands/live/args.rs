@@ -22,18 +22,18 @@ pub(crate) struct LiveArgs {
     /// Address of the DCA1000, which is configured and started.
     #[arg(long, value_name = "ADDRESS")]
     pub dca: Option<std::net::IpAddr>,
-    /// How fast a recording is replayed: times its own speed, or `max`.
-    #[arg(long, default_value = "1")]
-    pub speed: String,
+    /// How fast a recording is replayed: times its own speed, or `max`; 1 if omitted.
+    #[arg(long)]
+    pub speed: Option<String>,
     /// When the first frame of a recording was recorded, such as 2026-11-20T08:00:00Z; a replay ends now if omitted.
     #[arg(long, value_name = "UTC")]
     pub start: Option<String>,
     /// Replay the recording again and again.
     #[arg(long = "loop")]
     pub repeats: bool,
-    /// Seed of the simulated room.
-    #[arg(long, default_value_t = 1)]
-    pub sim_seed: u64,
+    /// Seed of the simulated room; 1 if omitted.
+    #[arg(long)]
+    pub sim_seed: Option<u64>,
     /// Let the person in the simulated room fall after this time and again, s.
     #[arg(long, value_name = "S")]
     pub sim_fall_every: Option<f64>,
@@ -62,13 +62,13 @@ pub(crate) struct LiveArgs {
     #[arg(long)]
     pub no_http: bool,
     /// File with the secret of those who may look, 16 characters or more.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "no_http")]
     pub token_file: Option<PathBuf>,
     /// Another name under which the page is reached.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", conflicts_with = "no_http")]
     pub allow_host: Vec<String>,
     /// Origin of pages that may show this one in a frame, such as http://homeassistant.local:8123.
-    #[arg(long, value_name = "ORIGIN")]
+    #[arg(long, value_name = "ORIGIN", conflicts_with = "no_http")]
     pub allow_frame: Vec<String>,
     /// Database of what was seen; live.db in $STATE_DIRECTORY if omitted, or none.
     #[arg(long, value_name = "FILE")]
@@ -120,7 +120,7 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "PREFIX", default_value = "homeassistant")]
     pub discovery_prefix: String,
     /// Publish a simulated radar, too.
-    #[arg(long)]
+    #[arg(long, requires = "mqtt")]
     pub mqtt_simulated: bool,
     /// Print no sentences. What is printed may be kept by others, such as the journal of systemd, where forgetting does
     /// not reach it.
@@ -159,6 +159,11 @@ pub(crate) struct LiveForgetArgs {
 #[derive(Args)]
 pub(crate) struct AskArgs {
     /// The question, such as "when did she last get up?".
+    ///
+    /// It asks when, how often, how long or whether somebody did something, was there, came or left; what is so at
+    /// present ("is anybody there?", "what is she doing?", "is the radar working?"); or what happened.
+    /// Known times: today, yesterday morning, last night, on Monday, on 28 November, two days ago, in the last 3 hours,
+    /// this week, this month, since 22:00, between 14:00 and 15:00, before 6 am, at 3 am yesterday.
     pub question: String,
     /// Database of `live`; live.db in $STATE_DIRECTORY if omitted.
     #[arg(long, value_name = "FILE")]

@@ -33,7 +33,12 @@ use radarllm_memory::{
 };
 use radarllm_monitor::{
     falls::FallOptions,
-    pipeline::{PipelineOptions, windows::WindowOptions},
+    options::OptionError,
+    pipeline::{
+        PipelineOptions,
+        empty::EmptyRoom,
+        windows::{WindowOptions, Windows},
+    },
     presence::PresenceOptions,
     watch::WatchOptions,
 };
@@ -88,6 +93,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     let mut unprinted = None;
     let (mut broker_problem, mut memory_problem) = (None, None);
     let (mut is_model_reported, mut is_source_reported) = (false, false);
+    let mut is_room_reported = false;
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
             Ok(_) if args.quiet => {}
@@ -129,6 +135,10 @@ fn watch(args: &LiveArgs) -> CliResult {
         if let Some(problem) = live.model_problem().filter(|_| !is_model_reported) {
             note!("warning: {problem}; /healthz and /metrics count further errors");
             is_model_reported = true;
+        }
+        if let Some(learnt) = live.room_learnt().filter(|_| !is_room_reported) {
+            note!("{learnt}");
+            is_room_reported = true;
         }
         // Once: nothing is lost meanwhile, and what is not known today is not known tomorrow.
         if let Some(problem) = live.source_problem().filter(|_| !is_source_reported) {
@@ -222,25 +232,74 @@ fn input(args: &LiveArgs) -> CliResult<Input> {
     Ok(input.starting_at(start_ms)?)
 }
 
+/// What frames come from.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum SourceKind {
+    Room,
+    Board,
+    Card,
+    Recording,
+}
+
+/// Refuses options that mean nothing for the source, because they would be ignored.
+fn check_source(args: &LiveArgs, kind: SourceKind) -> CliResult {
+    use SourceKind::{Board, Card, Recording, Room};
+    let options = [
+        ("--speed", args.speed.is_some(), Recording),
+        ("--start", args.start.is_some(), Recording),
+        ("--loop", args.repeats, Recording),
+        ("--cli-port", args.cli_port.is_some(), Board),
+        ("--dca", args.dca.is_some(), Card),
+        ("--sim-seed", args.sim_seed.is_some(), Room),
+        ("--sim-fall-every", args.sim_fall_every.is_some(), Room),
+    ];
+    let mut foreign = options
+        .iter()
+        .filter(|(_, is_given, of)| *is_given && *of != kind);
+    let Some((flag, _, of)) = foreign.next() else {
+        return Ok(());
+    };
+    let of = match of {
+        Room => "the simulated room, `sim:`",
+        Board => "a board on a serial port",
+        Card => "a DCA1000, `udp:PORT`",
+        Recording => "a recording, which is replayed",
+    };
+    let input = args.inputs[0].display();
+    Err(CliError::new(format!(
+        "{flag} has no meaning for `{input}`: it is an option of {of}"
+    )))
+}
+
 fn source(args: &LiveArgs) -> CliResult<Input> {
     let name = args.inputs[0].to_string_lossy().into_owned();
-    if name == "sim:" {
+    let kind = if name == "sim:" {
+        SourceKind::Room
+    } else if serial::is_port(&args.inputs[0]) {
+        SourceKind::Board
+    } else if udp::address(&name).is_some() {
+        SourceKind::Card
+    } else {
+        SourceKind::Recording
+    };
+    check_source(args, kind)?;
+    if kind == SourceKind::Room {
         let defaults = RoomOptions::default();
         return Ok(Input::room(&RoomOptions {
             radar: args.input.radar.clone().unwrap_or(defaults.radar),
-            seed: args.sim_seed,
+            seed: args.sim_seed.unwrap_or(defaults.seed),
             fall_every_s: args.sim_fall_every,
         })?);
     }
     let capture = args.input.options()?;
-    let source: Box<dyn LiveSource> = if serial::is_port(&args.inputs[0]) {
+    let source: Box<dyn LiveSource> = if kind == SourceKind::Board {
         Box::new(TiBoard::open(TiBoardOptions {
             data: args.inputs[0].clone(),
             cli: args.cli_port.clone(),
             capture,
             ..TiBoardOptions::default()
         })?)
-    } else if udp::address(&name).is_some() {
+    } else if kind == SourceKind::Card {
         Box::new(Dca1000::open(DcaOptions {
             input: name.clone(),
             card: args.dca,
@@ -249,9 +308,10 @@ fn source(args: &LiveArgs) -> CliResult<Input> {
             ..DcaOptions::default()
         })?)
     } else {
-        let speed = match args.speed.as_str() {
-            "max" => Speed::Max,
-            times => Speed::Times(times.parse().map_err(|_| {
+        let speed = match args.speed.as_deref() {
+            None => Speed::Times(1.0),
+            Some("max") => Speed::Max,
+            Some(times) => Speed::Times(times.parse().map_err(|_| {
                 CliError::new(format!(
                     "--speed: expected a number or `max`, found `{times}`"
                 ))
@@ -324,7 +384,7 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
 }
 
 fn pipeline_options(args: &LiveArgs) -> CliResult<PipelineOptions> {
-    Ok(PipelineOptions {
+    let options = PipelineOptions {
         watch: WatchOptions {
             presence: PresenceOptions {
                 occupancy_on_s: args.occupancy_on,
@@ -347,7 +407,31 @@ fn pipeline_options(args: &LiveArgs) -> CliResult<PipelineOptions> {
         },
         learn_empty_s: args.learn_empty,
         ..PipelineOptions::default()
-    })
+    };
+    // Checked here, where their flags are known.
+    options.watch.presence.validate().map_err(by_flag)?;
+    options.watch.falls.validate().map_err(by_flag)?;
+    Windows::new(options.windows).map_err(by_flag)?;
+    EmptyRoom::new(options.learn_empty_s).map_err(by_flag)?;
+    Ok(options)
+}
+
+/// An option of the pipeline that is out of range, by its flag.
+fn by_flag(error: OptionError) -> CliError {
+    let flag = match error.field {
+        "window_s" => "--window",
+        "stride_s" => "--stride",
+        "learn_empty_s" => "--learn-empty",
+        "occupancy_on_s" => "--occupancy-on",
+        "occupancy_hold_s" => "--occupancy-hold",
+        "fall_dwell_s" => "--fall-dwell",
+        "fall_height_m" => "--fall-height",
+        _ => return CliError::new(error),
+    };
+    let OptionError {
+        expected, found, ..
+    } = error;
+    CliError::new(format!("{flag}: expected {expected}, found {found}"))
 }
 
 /// The database that is named, or that of the service.
@@ -383,9 +467,12 @@ fn print(json: &str, as_json: bool) -> CliResult<bool> {
     let (utc, person) = (text("utc"), &message["person"]);
     match (kind.as_str(), message["caption"].as_str()) {
         ("now", Some(caption)) => {
-            let confidence = message["confidence"].as_f64().unwrap_or_default();
+            let confidence = match message["confidence"].as_f64() {
+                Some(confidence) => format!(" ({confidence:.2})"),
+                None => String::new(),
+            };
             output::try_print_line(&format!(
-                "{utc} {simulated}person {person}: {caption} ({confidence:.2})"
+                "{utc} {simulated}person {person}: {caption}{confidence}"
             ))
         }
         ("fall", _) => {

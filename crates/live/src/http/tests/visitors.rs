@@ -76,6 +76,38 @@ fn foreign_names_are_misdirected() {
 }
 
 #[test]
+fn a_server_for_others_is_reached_under_every_address_but_not_under_every_name() {
+    let mut options = Options::new(([0, 0, 0, 0], 0).into());
+    options.token = Some(Token::new(TOKEN).unwrap());
+    let fixture = fixture(options);
+    let port = fixture.server.address().port();
+    let ask = |host: &str| {
+        let request = format!(
+            "GET /api/state HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {TOKEN}\r\nConnection: close\r\n\r\n"
+        );
+        fixture.send(&request)
+    };
+    for ours in [
+        format!("127.0.0.1:{port}"),
+        format!("192.168.1.2:{port}"),
+        "192.168.1.2".into(),
+        format!("[fd00::1]:{port}"),
+        format!("localhost:{port}"),
+    ] {
+        assert_eq!(ask(&ours).status, 200, "{ours}");
+    }
+    for foreign in [
+        format!("evil.example:{port}"),
+        format!("0.0.0.0:{port}"),
+        format!("192.168.1.2.evil.example:{port}"),
+    ] {
+        let answer = ask(&foreign);
+        assert_eq!(answer.status, 421, "{foreign}");
+        assert!(answer.body.contains("--allow-host"), "{}", answer.body);
+    }
+}
+
+#[test]
 fn foreign_pages_are_refused() {
     let fixture = fixture(loopback());
     let address = fixture.server.address();
@@ -173,6 +205,7 @@ fn falls_are_acknowledged_by_those_who_may_ask() {
             state,
             person: Some(1),
             dwell_s: 3.0,
+            acknowledged: false,
             synthetic: true,
         };
         fixture.bus.publish(Stamp::default(), Body::Fall(fall));

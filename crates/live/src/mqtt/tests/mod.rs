@@ -78,6 +78,7 @@ fn fall(id: u64, state: FallState) -> Body {
         state,
         person: Some(1),
         dwell_s: 20.0,
+        acknowledged: false,
         synthetic: false,
     })
 }
@@ -133,7 +134,9 @@ fn everything_is_published_and_kept_but_falls() {
     wait_for_member(&broker, CAPTION, "caption", Value::Null);
     wait_for(&broker, SOURCE, "offline");
     let connect = broker.state().connects[0].clone();
-    assert_eq!(connect.client_id, "radarllm_lounge");
+    // Another radar of the same name must not end this connection.
+    let own = connect.client_id.strip_prefix("radarllm_lounge_").unwrap();
+    assert_eq!(own.len(), 16);
     assert_eq!(connect.user.as_deref(), Some("radar"));
     assert_eq!(connect.password.as_deref(), Some("secret"));
     assert_eq!(connect.keep_alive_s, 10);

@@ -257,6 +257,25 @@ fn questions_have_their_meaning() {
             TODAY,
         ),
         ("Yesterday, did she jump?", Did, "jump", YESTERDAY),
+        ("how many falls yesterday?", HowOften, "fall", YESTERDAY),
+        ("number of falls", HowOften, "fall", ALWAYS),
+        ("any falls today?", Did, "fall", TODAY),
+        ("falls today", Did, "fall", TODAY),
+        ("was there an alarm today?", Did, "fall", TODAY),
+        ("can you tell me whether she fell?", Did, "fall", ALWAYS),
+        (
+            "when did she go to bed yesterday?",
+            When,
+            "lie_down",
+            YESTERDAY,
+        ),
+        ("when did she wake up today?", When, "stand_up", TODAY),
+        (
+            "how often was she up at night?",
+            HowOften,
+            "stand_up",
+            LAST_NIGHT,
+        ),
     ] {
         let understood = match what::understand(question, &CLOCK) {
             Ok(understood) => understood,
@@ -280,6 +299,7 @@ fn questions_outside_the_grammar_are_refused_and_not_guessed() {
     let several = "it asks for several things";
     let combination = "it names a combination of actions";
     let negation = "it asks for what did not happen, or for what is usual";
+    let comparison = "it compares times with each other";
     let kind = "it does not ask when, how often, how long or whether";
     for (question, why) in [
         ("", kind),
@@ -296,20 +316,21 @@ fn questions_outside_the_grammar_are_refused_and_not_guessed() {
         ("When does she usually get up?", negation),
         ("when did she stop walking", negation),
         ("did nobody fall", negation),
-        ("did she fall at 07:30", time),
-        ("did she fall before noon", time),
         ("did she fall since breakfast", time),
         ("did she fall twice", time),
         ("did she get up 3 times", time),
         ("did she fall on 2026-02-30", time),
-        ("did she fall on 20 November", time),
         ("did she fall in the last 99999999999999999999 hours", time),
         ("did she fall since 25:00", time),
         ("did she fall since 7:60", time),
         ("did she fall since 13 pm", time),
-        ("did she fall yesterday or today", time),
         ("did she fall last year", time),
         ("did she fall after getting up", time),
+        ("did she fall before breakfast", time),
+        ("did she fall at 25:00", time),
+        ("did she fall on 31 November", time),
+        ("did she fall at 7 last week", time),
+        ("did she get up more often than yesterday", comparison),
         ("did she walk and sit down", combination),
         ("did she walk while waving", time),
         ("how long did she last sit", several),
@@ -323,4 +344,81 @@ fn questions_outside_the_grammar_are_refused_and_not_guessed() {
         let refused = what::understand(question, &CLOCK).map(|u| format!("{u:?}"));
         assert_eq!(refused.map_err(|e| e.why), Err(why), "{question}");
     }
+}
+
+#[test]
+fn phrases_of_time_have_their_range() {
+    const YESTERDAY: &str = "2026-11-22 00:00 to 2026-11-23 00:00";
+    const LAST_NIGHT: &str = "2026-11-22 20:00 to 2026-11-23 08:00";
+    const TWO_DAYS_AGO: &str = "2026-11-21 00:00 to 2026-11-22 00:00";
+    const FRIDAY: &str = "2026-11-20 00:00 to 2026-11-21 00:00";
+    for (time, expected) in [
+        ("at 07:30", "2026-11-23 07:15 to 2026-11-23 07:45"),
+        ("at 3 am", "2026-11-23 02:30 to 2026-11-23 03:30"),
+        // Still to come today.
+        ("at about 22:00", "2026-11-22 21:45 to 2026-11-22 22:15"),
+        ("at 14:10 yesterday", "2026-11-22 13:55 to 2026-11-22 14:25"),
+        (
+            "yesterday around 2 pm",
+            "2026-11-22 13:30 to 2026-11-22 14:30",
+        ),
+        ("last night at 3 am", "2026-11-23 02:30 to 2026-11-23 03:30"),
+        (
+            "between 14:00 and 15:00",
+            "2026-11-23 14:00 to 2026-11-23 15:00",
+        ),
+        ("between 2 and 3 pm", "2026-11-23 14:00 to 2026-11-23 15:00"),
+        (
+            "from 10 am to 1 pm yesterday",
+            "2026-11-22 10:00 to 2026-11-22 13:00",
+        ),
+        (
+            "between 22:00 and 6:00",
+            "2026-11-22 22:00 to 2026-11-23 06:00",
+        ),
+        ("before noon", "2026-11-23 00:00 to 2026-11-23 12:00"),
+        ("before 6", "2026-11-23 00:00 to 2026-11-23 06:00"),
+        ("after 7", "2026-11-23 07:00 to now"),
+        ("after midnight", "2026-11-23 00:00 to now"),
+        ("after 22:00", "2026-11-22 22:00 to now"),
+        (
+            "after 9 pm yesterday",
+            "2026-11-22 21:00 to 2026-11-23 00:00",
+        ),
+        ("since noon yesterday", "2026-11-22 12:00 to now"),
+        ("at night", LAST_NIGHT),
+        ("during the night", LAST_NIGHT),
+        ("overnight", LAST_NIGHT),
+        ("in the morning", "2026-11-23 04:00 to 2026-11-23 12:00"),
+        ("two days ago", TWO_DAYS_AGO),
+        ("the day before yesterday", TWO_DAYS_AGO),
+        ("a week ago", "2026-11-16 00:00 to 2026-11-17 00:00"),
+        ("yesterday or today", "2026-11-22 00:00 to now"),
+        ("on 20 November", FRIDAY),
+        ("on November 20", FRIDAY),
+        ("on the 20th of November 2026", FRIDAY),
+        // The last such day.
+        ("on 28 November", "2025-11-28 00:00 to 2025-11-29 00:00"),
+        ("this month", "2026-11-01 00:00 to now"),
+        ("last month", "2026-10-01 00:00 to 2026-11-01 00:00"),
+        ("yesterday", YESTERDAY),
+    ] {
+        let question = format!("did she fall {time}?");
+        let understood = match what::understand(&question, &CLOCK) {
+            Ok(understood) => understood,
+            Err(e) => panic!("{question}: {e:?}"),
+        };
+        assert_eq!(range(&understood.when), expected, "{question}");
+        assert_eq!(understood.what.actions, ["fall"], "{question}");
+        assert!(understood.ignored.is_empty(), "{question}");
+    }
+    let phrase = |question: &str| what::understand(question, &CLOCK).unwrap().when.phrase;
+    assert_eq!(
+        phrase("did she fall at 3 am"),
+        "around 03:00 today (02:30 to 03:30)"
+    );
+    assert_eq!(
+        phrase("did she fall between 14:00 and 15:00 yesterday"),
+        "from 14:00 to 15:00 yesterday"
+    );
 }

@@ -6,7 +6,7 @@ use radarllm_monitor::rows::{Activity, Origin};
 
 use super::words::split;
 use super::*;
-use crate::store::tests::{NOW_MS, activity, add, event, new_store, origin};
+use crate::store::tests::{NOW_MS, activity, add, event, new_store, origin, watch};
 use crate::store::{Batch, Store};
 
 /// Monday, 2026-11-23, 18:38:12, an hour east of UTC.
@@ -17,6 +17,7 @@ const CLOCK: Clock = Clock {
 
 mod answers;
 mod meaning;
+mod unknown;
 
 /// Local time of a range: `2026-11-23 00:00 to now`.
 fn range(when: &When) -> String {
@@ -46,6 +47,9 @@ fn words_that_were_not_considered_are_named() {
         ["anna", "slowly", "kitchen"]
     );
     assert_eq!(ignored("did she wave with the left hand"), ["left", "hand"]);
+    // When somebody fell is told, and not where or how.
+    assert_eq!(ignored("where did she fall?"), ["where"]);
+    assert_eq!(ignored("who fell last night?"), ["who"]);
 }
 
 #[test]

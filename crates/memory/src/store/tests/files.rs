@@ -59,7 +59,7 @@ fn settings_are_those_of_the_design() {
         ("secure_delete", 1),
         ("foreign_keys", 1),
         ("trusted_schema", 0),
-        ("user_version", 1),
+        ("user_version", 2),
         ("journal_size_limit", 8 << 20),
     ] {
         assert_eq!(value(pragma), expected.into(), "{pragma}");
@@ -138,7 +138,7 @@ fn a_full_disk_is_a_clear_error_and_passes() {
 fn newer_and_foreign_databases_are_refused_and_unchanged() {
     let (dir, store) = new_store();
     drop(store);
-    sql(&path(&dir), "PRAGMA user_version = 2");
+    sql(&path(&dir), "PRAGMA user_version = 3");
     for error in [
         Store::open(&path(&dir), NOW_MS).unwrap_err(),
         Timeline::open(&path(&dir)).unwrap_err(),
@@ -147,8 +147,8 @@ fn newer_and_foreign_databases_are_refused_and_unchanged() {
             matches!(
                 error,
                 StoreError::Newer {
-                    found: 2,
-                    known: 1,
+                    found: 3,
+                    known: 2,
                     ..
                 }
             ),

@@ -54,6 +54,16 @@ pub(crate) fn event(at_ms: i64, kind: EventKind) -> Event {
     }
 }
 
+/// A radar was watched from one time to another. A run that ends now goes on.
+pub(crate) fn watch(store: &mut Store, start_ms: i64, end_ms: i64) {
+    let run = Run {
+        start_ms,
+        end_ms,
+        is_over: end_ms != NOW_MS,
+    };
+    store.write(|batch| batch.write_run(None, &run)).unwrap();
+}
+
 pub(crate) fn new_store() -> (TempDir, Store) {
     let dir = tempdir().unwrap();
     let opened = Store::open(&dir.path().join("live.db"), NOW_MS).unwrap();
@@ -336,6 +346,7 @@ fn points_belong_to_a_row_and_go_with_it() {
 mod files;
 mod forgetting;
 mod queries;
+mod runs;
 
 fn sql(path: &Path, statements: &str) {
     Connection::open(path)

@@ -126,12 +126,14 @@ fn a_range_is_told_as_lanes() {
         written.collect::<Result<Vec<i64>, _>>()
     };
     store.write(write).unwrap();
+    watch(&mut store, at(-30), at(98));
     let lanes = store.timeline().lanes(at(0), at(100)).unwrap();
     let stretch = |from: i64, to: i64| Stretch {
         start_ms: at(from),
         end_ms: at(to),
     };
-    assert_eq!(lanes.presence, [stretch(0, 40), stretch(90, 100)]);
+    // Nothing is known of the time after the last sign of life.
+    assert_eq!(lanes.presence, [stretch(0, 40), stretch(90, 98)]);
     assert_eq!(lanes.silence, [stretch(41, 43)]);
     let action = |name: &str, from, to| ActionStretch {
         action: name.into(),
