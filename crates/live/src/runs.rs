@@ -68,7 +68,7 @@ impl Runs {
     }
 
     /// What is to be written now: runs, the current one last, and events.
-    pub(crate) fn to_write(&mut self, is_over: bool) -> (Vec<WrittenRun>, Vec<Event>) {
+    pub(crate) fn write_next(&mut self, is_over: bool) -> (Vec<WrittenRun>, Vec<Event>) {
         if let (Some(silent), Some(current)) = (&mut self.silent, &mut self.current) {
             let passed = silent.elapsed();
             *silent += passed;
@@ -173,8 +173,11 @@ mod tests {
         }
     }
 
-    fn to_write(runs: &mut Runs) -> (Vec<(Option<i64>, Run)>, Vec<(i64, EventKind)>) {
-        let (runs, events) = runs.to_write(false);
+    /// Runs with the row that they change, and events with their time.
+    type Told = (Vec<(Option<i64>, Run)>, Vec<(i64, EventKind)>);
+
+    fn write_next(runs: &mut Runs) -> Told {
+        let (runs, events) = runs.write_next(false);
         let events = events
             .iter()
             .map(|e| ((e.at_ms - START_MS) / 1_000, e.kind));
@@ -184,7 +187,7 @@ mod tests {
 
     /// Everything is written, and the last run has a number.
     fn written(runs: &mut Runs, id: i64) {
-        let (mut written, events) = runs.to_write(false);
+        let (mut written, events) = runs.write_next(false);
         for run in &mut written {
             run.id = run.id.or(Some(id));
         }
@@ -194,11 +197,11 @@ mod tests {
     #[test]
     fn a_run_grows_and_a_gap_begins_another_one_that_knows_who_is_there() {
         let mut runs = Runs::default();
-        assert_eq!(to_write(&mut runs), (vec![], vec![]));
+        assert_eq!(write_next(&mut runs), (vec![], vec![]));
         runs.live(0);
         live(&mut runs, 0..=60);
         assert_eq!(
-            to_write(&mut runs),
+            write_next(&mut runs),
             (vec![(None, run(0, 60, false))], vec![])
         );
         written(&mut runs, 7);
@@ -213,13 +216,13 @@ mod tests {
             (None, run(-100, -90, false)),
         ];
         let events = vec![(500, EventKind::Present), (-100, EventKind::Present)];
-        assert_eq!(to_write(&mut runs), (expected, events));
+        assert_eq!(write_next(&mut runs), (expected, events));
         written(&mut runs, 9);
         assert_eq!(
-            to_write(&mut runs),
+            write_next(&mut runs),
             (vec![(Some(9), run(-100, -90, false))], vec![])
         );
-        let (over, _) = runs.to_write(true);
+        let (over, _) = runs.write_next(true);
         assert!(over[0].run.is_over);
     }
 
@@ -229,13 +232,13 @@ mod tests {
         live(&mut runs, 0..=10);
         runs.hear(EventKind::SourceLost);
         std::thread::sleep(Duration::from_millis(30));
-        let (written, _) = runs.to_write(false);
+        let (written, _) = runs.write_next(false);
         let passed_ms = written[0].run.end_ms - START_MS - 10_000;
         assert!((20..10_000).contains(&passed_ms), "{passed_ms} ms");
         // It is heard again.
         runs.hear(EventKind::SourceBack);
         live(&mut runs, 20..=21);
-        let (written, _) = to_write(&mut runs);
+        let (written, _) = write_next(&mut runs);
         assert_eq!(written, [(None, run(0, 21, false))]);
     }
 
@@ -247,7 +250,7 @@ mod tests {
         written(&mut runs, 3);
         let forget = |runs: &mut Runs, from_s: i64, to_s: i64| {
             runs.forget(START_MS + 1_000 * from_s, START_MS + 1_000 * to_s);
-            to_write(runs)
+            write_next(runs)
         };
         let unchanged = (vec![(Some(3), run(0, 100, false))], vec![]);
         assert_eq!(forget(&mut runs, -50, 0), unchanged);
@@ -264,6 +267,6 @@ mod tests {
             vec![(None, run(102, 102, false))],
             vec![(102, EventKind::Present)],
         );
-        assert_eq!(to_write(&mut runs), other);
+        assert_eq!(write_next(&mut runs), other);
     }
 }

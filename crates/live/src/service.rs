@@ -152,10 +152,7 @@ impl Live {
             }
         }
         let publish = |broker| {
-            let broker = mqtt::Options {
-                actions,
-                ..broker
-            };
+            let broker = mqtt::Options { actions, ..broker };
             Publisher::start(broker, Arc::clone(&bus)).map_err(Error::wrap)
         };
         let publisher = options.broker.map(publish).transpose()?;

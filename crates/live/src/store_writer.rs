@@ -368,7 +368,7 @@ impl Writer {
             return;
         };
         let mut store = lock(&store);
-        let (mut runs, events) = lock(&self.runs).to_write(is_over);
+        let (mut runs, events) = lock(&self.runs).write_next(is_over);
         if runs.is_empty() {
             return;
         }
@@ -738,6 +738,13 @@ mod tests {
         let ends: Vec<i64> = page.rows.iter().map(|r| r.activity.end_ms).collect();
         assert_eq!(ends, [START_MS + 9_000]);
         assert_eq!(timeline.oldest_ms().unwrap(), Some(START_MS));
+        // The radar was watched from the first message to the last one.
+        let watched = radarllm_memory::store::Run {
+            start_ms: START_MS + 4_000,
+            end_ms: START_MS + 9_000,
+            is_over: true,
+        };
+        assert_eq!(timeline.newest_run().unwrap(), Some(watched));
     }
 
     /// A writer that tries again after 50 ms, and what it publishes.

@@ -1,8 +1,8 @@
 //! The memory of a running radar, an SQLite database, and questions in English about it.
 //!
-//! Activities (what a person did, from when to when, as an action and a sentence) and events (presence, falls, the state
-//! of the radar) enter. Rows by time, person, action and words leave, and answers to questions such as "how often did
-//! she get up today?".
+//! Activities (what a person did, from when to when, as an action and a sentence), events (presence, falls, the state of the
+//! radar) and runs (from when to when a radar was watched) enter. Rows by time, person, action and words leave, and answers
+//! to questions such as "how often did she get up today?".
 //!
 //! ```
 //! use radarllm_memory::{Clock, Store, ask};

@@ -1191,7 +1191,7 @@ mod tests {
         // That one may fall, too.
         scene.frames(&[other(1)], 3);
         let lies = person(1, [-1.8, 2.0], 0.2 - RADAR_M as f32);
-        let found = scene.frames(&[lies.clone()], 5);
+        let found = scene.frames(std::slice::from_ref(&lies), 5);
         assert_eq!(found.len(), 1);
         assert_eq!(scene.monitor.open().len(), 2);
         // Whoever rises where the first one lies is the first one.

@@ -119,10 +119,10 @@ impl Coverage {
                 "{} in {} stretches {}",
                 duration(joined.iter().map(|s| s.end_ms - s.start_ms).sum()),
                 joined.len(),
-                clock.from_to(first.start_ms, last.end_ms)
+                clock.between(first.start_ms, last.end_ms)
             ),
             _ => list(
-                joined.iter().map(|s| clock.from_to(s.start_ms, s.end_ms)),
+                joined.iter().map(|s| clock.between(s.start_ms, s.end_ms)),
                 "and",
             ),
         }

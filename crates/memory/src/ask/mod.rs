@@ -20,6 +20,7 @@ pub mod what;
 pub mod when;
 mod words;
 
+use radarllm_base::civil::DAY_MS;
 use radarllm_monitor::rows::{ActivityRow, EventKind, EventRow};
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +97,8 @@ struct Found {
     /// Falls and suspicions of that time, if the question is about them.
     falls: Vec<Fall>,
     is_about_falls: bool,
+    /// Falls before that time that have not ended, if it lasts until now.
+    open_before: Vec<Fall>,
     /// When somebody lay on the floor after a confirmed fall, if the question is about lying.
     floor: Vec<Stretch>,
     /// Whether only the times on the floor count: the question names the floor, or no sentence tells that somebody lay.
@@ -182,6 +185,7 @@ fn find(timeline: &Timeline, understood: &Understood, clock: &Clock) -> Result<F
         coverage: Coverage::of(timeline, when, kept, clock)?,
         falls: Vec::new(),
         is_about_falls,
+        open_before: Vec::new(),
         floor: Vec::new(),
         is_floor: false,
         rows,
@@ -263,10 +267,8 @@ fn add_falls(
     found: &mut Found,
 ) -> Result<(), StoreError> {
     // Others have ended in this time and happened before it.
-    falls.retain(|fall| {
-        let is_only_told = fall.suspected_ms.is_none() && fall.confirmed_ms.is_none();
-        is_only_told || when.from_ms.is_none_or(|from_ms| fall.at_ms >= from_ms)
-    });
+    let from_ms = when.from_ms.unwrap_or(0);
+    falls.retain(|fall| fall.is_of([from_ms, when.to_ms]));
     let query = EventQuery {
         from_ms: when.from_ms,
         to_ms: Some(when.to_ms),
@@ -282,6 +284,12 @@ fn add_falls(
     if found.count == 0 {
         // Sentences about what was no fall.
         found.rows.clear();
+    }
+    if when.to_ms >= clock.now_ms {
+        let day_before_ms = when.to_ms.saturating_sub(DAY_MS).max(0);
+        let mut open = timeline.falls([day_before_ms, when.to_ms])?;
+        open.retain(|fall| fall.is_open() && !fall.is_of([from_ms, when.to_ms]));
+        found.open_before = open;
     }
     found.falls = falls;
     Ok(())

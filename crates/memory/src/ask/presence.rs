@@ -296,7 +296,7 @@ fn tell(subject: Subject, kind: Kind, phrase: &str, coverage: &Coverage, clock: 
             match &stretches[..] {
                 [one] => format!(
                     "{what} for {total}{phrase}, {}.",
-                    clock.from_to(one.start_ms, one.end_ms)
+                    clock.between(one.start_ms, one.end_ms)
                 ),
                 _ => format!(
                     "{what} for {total} in all{phrase}, in {} stretches, the longest of {}.",

@@ -128,6 +128,10 @@ fn denial(understood: &Understood, found: &Found, phrase: &str, clock: &Clock) -
         _ => format!("N{nobody}"),
     }];
     sentences.extend(dismissed(found, clock).map(|text| format!("{text}.")));
+    sentences.extend(found.open_before.iter().map(|fall| {
+        let has_run_ended = !found.coverage.goes_on(fall.at_ms, clock);
+        open_fall(fall, has_run_ended, clock)
+    }));
     sentences
 }
 
@@ -144,7 +148,7 @@ fn falls(found: &Found, clock: &Clock) -> Vec<String> {
     if n_alarms > 0 {
         sentences.push(format!("The fall alarm was confirmed {}.", times(n_alarms)));
     }
-    if let Some(fall) = confirmed().last() {
+    if let Some(fall) = confirmed().next_back() {
         let fell = clock.moment(fall.at_ms);
         sentences.push(match (fall.risen_ms(), fall.end) {
             (Some(risen_ms), _) => format!(
@@ -202,12 +206,12 @@ fn floor(found: &Found, phrase: &str, clock: &Clock) -> Option<String> {
         [] => None,
         [one] => Some(format!(
             "After a fall, someone lay on the floor for {total}{phrase}, {}.",
-            clock.from_to(one.start_ms, one.end_ms)
+            clock.between(one.start_ms, one.end_ms)
         )),
         [.., last] => Some(format!(
             "After {} falls, someone lay on the floor for {total} in all{phrase}, last {}.",
             found.floor.len(),
-            clock.from_to(last.start_ms, last.end_ms)
+            clock.between(last.start_ms, last.end_ms)
         )),
     }
 }

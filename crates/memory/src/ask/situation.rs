@@ -247,7 +247,7 @@ fn at_present(
         sentences.push(format!(
             "The newest sentence is \u{201c}{}\u{201d}, {}.",
             activity.caption,
-            clock.from_to(activity.start_ms, activity.end_ms)
+            clock.between(activity.start_ms, activity.end_ms)
         ));
     }
     let synthetic = now.is_synthetic() || newest.as_ref().is_some_and(|row| row.origin.synthetic);
@@ -336,7 +336,7 @@ fn false_alarms(timeline: &Timeline, when: When, clock: &Clock) -> Result<Answer
         answer: sentences.join(" "),
         count: dismissed().count() as u64,
         first_ms: dismissed().next().map(|fall| fall.at_ms),
-        last_ms: dismissed().last().map(|fall| fall.at_ms),
+        last_ms: dismissed().next_back().map(|fall| fall.at_ms),
         synthetic: found.synthetic,
         understood: Some(understood),
         known: found.coverage.known,

@@ -114,7 +114,7 @@ impl Clock {
     }
 
     /// A range as seen from the present: "from 22:00 yesterday to 01:10 today".
-    pub(super) fn from_to(&self, from_ms: i64, to_ms: i64) -> String {
+    pub(super) fn between(&self, from_ms: i64, to_ms: i64) -> String {
         let day = |ms: i64| self.local_ms(ms).div_euclid(DAY_MS);
         let from = match day(from_ms) == day(to_ms) {
             true => self.time_of_day(from_ms),
@@ -218,7 +218,7 @@ impl Clock {
                 self.time_of_day(from_utc),
                 self.time_of_day(to_utc)
             ),
-            _ => self.from_to(from_utc, to_utc),
+            _ => self.between(from_utc, to_utc),
         };
         Some(self.span(phrase, from_ms, to_ms))
     }

@@ -54,6 +54,13 @@ impl Fall {
         self.suspected_ms.is_some() && self.confirmed_ms.is_none() && self.end.is_none()
     }
 
+    /// Whether it happened, was suspected or was confirmed in a range of time. A sentence was found by its overlap with one.
+    pub(crate) fn is_of(&self, [from_ms, to_ms]: [i64; 2]) -> bool {
+        let alarm = [self.suspected_ms, self.confirmed_ms];
+        let mut times = alarm.into_iter().flatten().chain([self.at_ms]);
+        alarm == [None, None] || times.any(|ms| (from_ms..to_ms).contains(&ms))
+    }
+
     /// Whether an alarm about it has not ended.
     pub(crate) fn is_open(&self) -> bool {
         self.end.is_none() && (self.suspected_ms.is_some() || self.confirmed_ms.is_some())
@@ -130,8 +137,7 @@ impl Timeline {
         }
         let is_in = |at_ms: i64| (from_ms..to_ms).contains(&at_ms);
         falls.retain(|fall| {
-            let is_only_told = fall.suspected_ms.is_none() && fall.confirmed_ms.is_none();
-            is_only_told || is_in(fall.at_ms) || fall.end.is_some_and(|end| is_in(end.at_ms))
+            fall.is_of([from_ms, to_ms]) || fall.end.is_some_and(|end| is_in(end.at_ms))
         });
         falls.sort_by_key(|fall| fall.at_ms);
         Ok(falls)

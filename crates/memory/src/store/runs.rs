@@ -15,7 +15,7 @@ use crate::error::StoreError;
 pub const ALIVE_MS: i64 = 30_000;
 /// Time after the beginning of a run, or after a silence, in which somebody who is there is not detected yet, ms.
 const SETTLE_MS: i64 = 10_000;
-/// Most runs of a range that are looked at; later ones are left out.
+/// Most runs of a range that are looked at; earlier ones are left out.
 const MAX_RUNS: usize = 10_000;
 
 /// A stretch of time in which a radar was watched.
@@ -107,9 +107,11 @@ impl Timeline {
     fn runs(&self, [from_ms, to_ms]: [i64; 2]) -> Result<Vec<(Run, i64)>, StoreError> {
         let read = || {
             let sql = format!(
-                "SELECT start_ms, end_ms, is_over, activities_ms FROM run
-                 WHERE end_ms >= ?1 AND end_ms <= {MAX_TIME_MS} AND start_ms < ?2 AND start_ms BETWEEN 0 AND end_ms
-                 ORDER BY start_ms, id LIMIT {MAX_RUNS}"
+                "SELECT * FROM (
+                    SELECT start_ms, end_ms, is_over, activities_ms FROM run
+                    WHERE end_ms >= ?1 AND end_ms <= {MAX_TIME_MS} AND start_ms < ?2 AND start_ms BETWEEN 0 AND end_ms
+                    ORDER BY start_ms DESC, id DESC LIMIT {MAX_RUNS}
+                 ) ORDER BY start_ms"
             );
             let mut statement = self.connection.prepare_cached(&sql)?;
             let row = |row: &Row<'_>| {

@@ -382,6 +382,43 @@ fn whoever_rises_after_a_fall_got_up_and_lay_on_the_floor() {
 }
 
 #[test]
+fn a_fall_before_the_time_that_is_asked_about_is_told_while_it_is_open() {
+    let (_dir, mut store) = new_store();
+    watch(&mut store, ago(60), NOW_MS);
+    // It was confirmed within the last 20 minutes.
+    let suspected_ms = ago(20) - 10_000;
+    add_fall(&mut store, EventKind::Suspected, suspected_ms, 0.0, false);
+    add_fall(&mut store, EventKind::Confirmed, suspected_ms, 20.0, false);
+    check(
+        &store,
+        &[
+            (
+                "did she fall in the last 20 minutes?",
+                "Yes: someone fell once in the last 20 minutes, at 18:18 today. \
+                 The fall alarm was confirmed once. Whoever fell at 18:18 today was not seen to get up.",
+            ),
+            (
+                "did she fall in the last 10 minutes?",
+                "No: nobody was seen to fall in the last 10 minutes. \
+                 Whoever fell at 18:18 today was not seen to get up.",
+            ),
+            (
+                "did she fall yesterday?",
+                "Nothing is known of that time: the memory begins at 17:38 today.",
+            ),
+        ],
+    );
+    add_fall(&mut store, EventKind::Recovered, suspected_ms, 60.0, true);
+    check(
+        &store,
+        &[(
+            "did she fall in the last 10 minutes?",
+            "No: nobody was seen to fall in the last 10 minutes.",
+        )],
+    );
+}
+
+#[test]
 fn activities_that_were_deleted_are_not_denied() {
     let (_dir, mut store) = new_store();
     watch(&mut store, NOW_MS - 40 * DAY_MS, NOW_MS);
