@@ -174,9 +174,9 @@ mod tests {
     }
 
     /// Runs with the row that they change, and events with their time.
-    type Told = (Vec<(Option<i64>, Run)>, Vec<(i64, EventKind)>);
+    type Written = (Vec<(Option<i64>, Run)>, Vec<(i64, EventKind)>);
 
-    fn write_next(runs: &mut Runs) -> Told {
+    fn write_next(runs: &mut Runs) -> Written {
         let (runs, events) = runs.write_next(false);
         let events = events
             .iter()

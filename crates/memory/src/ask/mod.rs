@@ -254,7 +254,7 @@ impl Found {
     /// still open.
     fn counts(&self, fall: &Fall, clock: &Clock) -> bool {
         let is_open = fall.is_suspicion() && self.coverage.goes_on(fall.at_ms, clock);
-        fall.confirmed_ms.is_some() || (fall.is_told && !fall.is_dismissed() && !is_open)
+        fall.confirmed_ms.is_some() || (fall.is_reported && !fall.is_dismissed() && !is_open)
     }
 }
 
@@ -305,13 +305,13 @@ fn add_risings(
     let from_ms = when.from_ms.unwrap_or(0);
     let risen = falls.iter().filter_map(Fall::risen_ms);
     for risen_ms in risen.filter(|ms| (from_ms..when.to_ms).contains(ms)) {
-        let told = ActivityQuery {
+        let reported = ActivityQuery {
             from_ms: Some(risen_ms.saturating_sub(RISE_MS)),
             to_ms: Some(risen_ms.saturating_add(RISE_MS)),
             actions: vec![STAND_UP.into()],
             ..ActivityQuery::default()
         };
-        if timeline.tally(&told)?.count == 0 {
+        if timeline.tally(&reported)?.count == 0 {
             found.add(risen_ms);
         }
     }

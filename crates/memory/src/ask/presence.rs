@@ -175,14 +175,14 @@ pub(super) fn answer(
         _ => false,
     };
     let about_now = now.filter(|now| is_about_now && (subject == Subject::Now || now.is_present));
-    let told = match &about_now {
-        Some(now) => Told {
+    let reported = match &about_now {
+        Some(now) => Reported {
             sentences: now.sentences(clock),
-            ..Told::default()
+            ..Reported::default()
         },
-        None if coverage.is_nothing() => Told {
+        None if coverage.is_nothing() => Reported {
             sentences: vec![coverage.nothing(clock)],
-            ..Told::default()
+            ..Reported::default()
         },
         None => tell(subject, kind, &when.phrase, &coverage, clock),
     };
@@ -197,7 +197,7 @@ pub(super) fn answer(
     let synthetic = coverage.watched.synthetic
         || about_now.is_some_and(|now| now.is_synthetic())
         || events.iter().any(|row| row.origin.synthetic);
-    let mut sentences = told.sentences;
+    let mut sentences = reported.sentences;
     if synthetic {
         sentences.push(SIMULATED.into());
     }
@@ -210,10 +210,10 @@ pub(super) fn answer(
         answer: sentences.join(" "),
         understood: Some(Understood::about(kind, name.name(), when)),
         searched: None,
-        count: told.moments_ms.len() as u64,
-        first_ms: told.moments_ms.first().copied(),
-        last_ms: told.moments_ms.last().copied(),
-        total_ms: told.total_ms,
+        count: reported.moments_ms.len() as u64,
+        first_ms: reported.moments_ms.first().copied(),
+        last_ms: reported.moments_ms.last().copied(),
+        total_ms: reported.total_ms,
         synthetic,
         known: coverage.known,
         rows: Vec::new(),
@@ -223,7 +223,7 @@ pub(super) fn answer(
 
 /// An answer about presence.
 #[derive(Default)]
-struct Told {
+struct Reported {
     sentences: Vec<String>,
     /// Times at which it happened, or began.
     moments_ms: Vec<i64>,
@@ -231,7 +231,13 @@ struct Told {
 }
 
 /// Answers from what is known of a range of time.
-fn tell(subject: Subject, kind: Kind, phrase: &str, coverage: &Coverage, clock: &Clock) -> Told {
+fn tell(
+    subject: Subject,
+    kind: Kind,
+    phrase: &str,
+    coverage: &Coverage,
+    clock: &Clock,
+) -> Reported {
     let known = &coverage.watched.known;
     let stretches: Vec<Stretch> = match subject {
         Subject::Empty => known.iter().flat_map(rest_of).collect(),
@@ -328,7 +334,7 @@ fn tell(subject: Subject, kind: Kind, phrase: &str, coverage: &Coverage, clock: 
     if n > 0 {
         sentences.extend(coverage.only(clock));
     }
-    Told {
+    Reported {
         sentences,
         moments_ms,
         total_ms,
@@ -340,8 +346,9 @@ pub(super) fn outline(phrase: &str, coverage: &Coverage, clock: &Clock) -> Vec<S
     let there = tell(Subject::There, Kind::HowLong, phrase, coverage, clock);
     let came = tell(Subject::Came, Kind::HowOften, phrase, coverage, clock);
     let left = tell(Subject::Left, Kind::HowOften, phrase, coverage, clock);
-    let told = [there, came, left].into_iter();
-    told.filter_map(|told| told.sentences.into_iter().next())
+    let reported = [there, came, left].into_iter();
+    reported
+        .filter_map(|reported| reported.sentences.into_iter().next())
         .collect()
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct Fall {
     /// How it ended.
     pub end: Option<FallEnd>,
     /// Whether a sentence tells it.
-    pub is_told: bool,
+    pub is_reported: bool,
     /// Whether the radar was simulated.
     pub synthetic: bool,
 }
@@ -80,7 +80,7 @@ impl Fall {
     }
 
     /// Whether a sentence about a fall is about this one.
-    fn is_told_by(&self, activity: &Activity) -> bool {
+    fn is_reported_by(&self, activity: &Activity) -> bool {
         let (first_ms, last_ms) = match (self.suspected_ms, self.confirmed_ms) {
             (None, Some(confirmed_ms)) => (confirmed_ms - ALARM_DELAY_MS, confirmed_ms),
             _ => (self.at_ms - SENTENCE_MS, self.at_ms + SENTENCE_MS),
@@ -118,10 +118,12 @@ impl Timeline {
         };
         for row in self.some_activities(&query, Order::NewestFirst, MAX_SENTENCES)? {
             let (activity, synthetic) = (&row.activity, row.origin.synthetic);
-            let told = falls.iter_mut().filter(|fall| fall.is_told_by(activity));
-            match told.min_by_key(|fall| (fall.at_ms - activity.start_ms).abs()) {
+            let reported = falls
+                .iter_mut()
+                .filter(|fall| fall.is_reported_by(activity));
+            match reported.min_by_key(|fall| (fall.at_ms - activity.start_ms).abs()) {
                 Some(fall) => {
-                    fall.is_told = true;
+                    fall.is_reported = true;
                     fall.synthetic |= synthetic;
                     fall.at_ms = fall.at_ms.min(activity.start_ms);
                 }
@@ -130,7 +132,7 @@ impl Timeline {
                     suspected_ms: None,
                     confirmed_ms: None,
                     end: None,
-                    is_told: true,
+                    is_reported: true,
                     synthetic,
                 }),
             }
@@ -171,7 +173,7 @@ fn add_event(falls: &mut Vec<(Option<u64>, Fall)>, row: &EventRow) {
         suspected_ms,
         confirmed_ms: None,
         end: None,
-        is_told: false,
+        is_reported: false,
         synthetic: row.origin.synthetic,
     });
     let is_acknowledged = data("acknowledged").and_then(serde_json::Value::as_bool) == Some(true);

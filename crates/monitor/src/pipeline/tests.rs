@@ -387,11 +387,11 @@ fn falls_of_an_earlier_run_are_told_and_end_by_a_users_word() {
     let restored = pipeline.restore(&[earlier], START_MS);
     assert_eq!(presences(&restored), [(PresenceState::Held, 1)]);
     assert_eq!(events(&restored), [(0, EventKind::Present)]);
-    let is_told = restored.iter().any(|output| {
+    let is_published = restored.iter().any(|output| {
         matches!(output, Output::Message(_, Body::Fall(fall))
             if fall.id == 4 && fall.state == messages::FallState::Confirmed && fall.dwell_s == 120.0)
     });
-    assert!(is_told, "{restored:?}");
+    assert!(is_published, "{restored:?}");
     // Nobody is seen for a minute, and the fall stays open.
     let empty = |n: u32| PointFrame {
         points: Vec::new(),
@@ -407,10 +407,10 @@ fn falls_of_an_earlier_run_are_told_and_end_by_a_users_word() {
     assert!(!outputs.iter().any(is_absence));
     let ended = pipeline.acknowledge(4);
     assert_eq!(events(&ended), [(59, EventKind::Recovered)]);
-    let is_told = ended
+    let is_published = ended
         .iter()
         .any(|output| matches!(output, Output::Message(_, Body::Fall(fall)) if fall.acknowledged));
-    assert!(is_told, "{ended:?}");
+    assert!(is_published, "{ended:?}");
 }
 
 #[test]
