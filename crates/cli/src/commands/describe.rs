@@ -138,7 +138,8 @@ pub(crate) struct Row {
     pub frames: usize,
     /// Length of the clip, s.
     pub clip_seconds: f64,
-    /// What to know before trusting the sentences: what was lost, removed or assumed.
+    /// What to know before trusting the sentences: what was lost, removed or assumed. Absent if there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// Time from points to sentence, s.
     pub seconds: f64,
