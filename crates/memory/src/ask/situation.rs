@@ -92,6 +92,10 @@ fn topic(rest: &[String], has_time: bool) -> Option<Topic> {
     if has(&["alone"]) || at(0) == "how" && at(1) == "many" && has(&["people", "persons"]) {
         return Some(Topic::People);
     }
+    // "Where was she last seen?"
+    if !has_time && at(0) == "where" && has(&["seen", "see"]) {
+        return Some(Topic::Doing);
+    }
     // What follows is about the present.
     let is_progressive = at(0) == "how" && at(1) == "long" && has(&["is", "are", "been"])
         || ["has", "have"].contains(&at(0)) && has(&["been"]) && has(&["long"]);

@@ -463,6 +463,7 @@ fn what_is_so_at_present_is_told_from_the_newest_sentence() {
         &[
             ("what is she doing?", there),
             ("where is she?", there),
+            ("where was she last seen?", there),
             ("is she ok?", &format!("No fall is suspected. {there}")),
             ("how is she?", &format!("No fall is suspected. {there}")),
             ("is she sitting?", &format!("{since} {there}")),
