@@ -56,7 +56,7 @@ impl Unpacked {
     /// # Errors
     /// A file that cannot be read or unpacked, that becomes too large, or a temporary file that cannot be written.
     pub(crate) fn of(path: &Path, file: &mut File) -> Result<Option<Self>> {
-        let Some((_, compression)) = compression(path) else {
+        let Some(compression) = Compression::named_by(path) else {
             return Ok(None);
         };
         let mut magic = [0; 4];
@@ -89,6 +89,15 @@ impl Unpacked {
 }
 
 impl Compression {
+    /// The compression that the ending of a name states.
+    fn named_by(path: &Path) -> Option<Self> {
+        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
+            "gz" | "gzip" => Some(Self::Gzip),
+            "zst" | "zstd" => Some(Self::Zstandard),
+            _ => None,
+        }
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::Gzip => "gzip",
@@ -212,21 +221,12 @@ fn unpack_zstd(_: impl BufRead, target: &mut Target<'_>) -> Result {
     .of_kind(crate::error::ErrorKind::Unsupported))
 }
 
-/// The path without the ending that names a compression, and the compression.
-fn compression(path: &Path) -> Option<(PathBuf, Compression)> {
-    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-    let compression = match extension.as_str() {
-        "gz" | "gzip" => Compression::Gzip,
-        "zst" | "zstd" => Compression::Zstandard,
-        _ => return None,
-    };
-    Some((path.with_extension(""), compression))
-}
-
 /// The name that a file has once it is unpacked.
 pub(crate) fn plain_name(path: &Path) -> String {
-    let plain = compression(path).map(|(plain, _)| plain);
-    let name = plain.as_deref().unwrap_or(path).file_name();
+    let name = match Compression::named_by(path) {
+        Some(_) => path.file_stem(),
+        None => path.file_name(),
+    };
     name.unwrap_or_default().to_string_lossy().into_owned()
 }
 

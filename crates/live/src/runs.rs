@@ -83,7 +83,7 @@ impl Runs {
         (runs, self.events.clone())
     }
 
-    /// Runs that [`Self::to_write`] returned were written and have these numbers now, and so many of its events.
+    /// Runs that [`Self::write_next`] returned were written and have these numbers now, and so many of its events.
     pub(crate) fn written(&mut self, written: &[WrittenRun], n_events: usize) {
         for run in self.ended.iter_mut().chain(&mut self.current) {
             let known = written.iter().find(|w| w.run.start_ms == run.run.start_ms);

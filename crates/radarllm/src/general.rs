@@ -1,6 +1,8 @@
 //! What is said of somebody of whom nothing is measured, and of whom the model only guesses: whether somebody moves on the spot
 //! or about, or is there. It is told by the points alone, and holds only while they show somebody.
 
+use std::borrow::Cow;
+
 use radarllm_base::{Clip, PointFrame, RadarPoint, stats::quantile_nearest};
 use radarllm_inference::{
     DescribeOptions, Description, PreparedClip, Segment,
@@ -35,7 +37,10 @@ pub(crate) fn describe(clip: &PreparedClip, options: &DescribeOptions) -> Descri
     let mut segments = Vec::new();
     let mut abstained = None;
     for frames in clip.frames.chunk_by(follows) {
-        let run = clip.with_frames(frames.to_vec());
+        let run = match frames.len() == clip.frames.len() {
+            true => Cow::Borrowed(&**clip),
+            false => Cow::Owned(clip.with_frames(frames.to_vec())),
+        };
         match times_with_person(&run, options) {
             Ok(times) => {
                 for [start_s, end_s] in times {

@@ -153,9 +153,12 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     // Nobody is followed through a time without frames.
     let people = clip.frames.chunk_by(follows).flat_map(people_in_points);
     let site = unlearned_site(clip);
+    let may_fold = speeds_may_fold(&clip.frames);
     let walks = |p: TrackedPerson| -> Vec<State> {
         let mut states = states_of(&p, &site, &[]);
-        states.retain(|s| s.activity == Activity::Walks && is_as_fast(&clip.frames, &p, s));
+        states.retain(|s| {
+            s.activity == Activity::Walks && (may_fold || is_as_fast(&clip.frames, &p, s))
+        });
         states
     };
     let mut states: Vec<State> = people
@@ -166,23 +169,22 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     segments(&states)
 }
 
+/// Whether frames may be of a board whose speeds fold below that of somebody who walks: no point is faster.
+fn speeds_may_fold(frames: &[PointFrame]) -> bool {
+    const MIN_FASTEST_MPS: f32 = 0.7;
+    let mut points = frames.iter().flat_map(|f| &f.points);
+    !points.any(|p| p.velocity_mps.abs() >= MIN_FASTEST_MPS)
+}
+
 /// Whether the points near a walk are about as fast as the track changes its range: a track that jumps between the parts of a
 /// body, or between two people, is much faster than they are.
 fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bool {
-    /// A recording without a faster point, m/s, is of a board whose speeds may fold below that of somebody who walks.
-    const MIN_FASTEST_MPS: f32 = 0.7;
     /// Share of the way in range that speeds must show, and the way from which on it is asked for, m: who walks past the radar
     /// has none.
     const MIN_SHARE: f32 = 0.4;
     const MIN_WAY_M: f32 = 0.5;
     /// Distance of points from the track, m.
     const NEAR_M: f32 = 0.7;
-    let fastest_mps = (frames.iter().flat_map(|f| &f.points))
-        .map(|p| p.velocity_mps.abs())
-        .fold(0.0, f32::max);
-    if fastest_mps < MIN_FASTEST_MPS {
-        return true;
-    }
     let (mut way_m, mut shown_m) = (0.0, 0.0);
     let mut before_m: Option<f32> = None;
     let mut t_s = walk.start_s;
@@ -353,7 +355,7 @@ mod tests {
         };
         let is_walk = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
             let frames = frames(at_m, velocity_mps, fastest_mps);
-            is_as_fast(&frames, &person(at_m), &walk)
+            speeds_may_fold(&frames) || is_as_fast(&frames, &person(at_m), &walk)
         };
         let away = |t_s: f32| 2.0 + 0.5 * t_s;
         let jumps = |t_s: f32| {

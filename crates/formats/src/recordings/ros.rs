@@ -8,6 +8,8 @@
 
 use std::{collections::BTreeMap, io::Read};
 
+use radarllm_base::RadarPoint;
+
 use super::{
     Axes, MAX_INTENSITY_DB, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, is_in_range,
     listed, point, printable, radhar,
@@ -278,9 +280,9 @@ impl RosMessages {
         };
         let whole = |t: &&&Topic| t.error.is_none() && !t.frames.is_empty();
         let mut candidates: Vec<&Topic> = asked.iter().filter(whole).copied().collect();
-        let is_cloud = |t: &&Topic| !matches!(t.payload, Payload::Scan(_));
-        if candidates.iter().any(is_cloud) {
-            candidates.retain(is_cloud);
+        let has_frames = |t: &&Topic| !matches!(t.payload, Payload::Scan(_));
+        if candidates.iter().any(has_frames) {
+            candidates.retain(has_frames);
         }
         let chosen = match candidates[..] {
             [chosen] => chosen,
@@ -384,19 +386,8 @@ impl Topic {
         let mut cursor = Cursor::new(at, self.encoding, data)?;
         let n_frames = self.frames.len();
         match &self.payload {
-            Payload::Cloud => {
-                let cloud = read_cloud(&mut cursor, axes)?;
-                self.points_dropped += cloud.dropped;
-                if !cloud.has_intensity {
-                    self.points_without_intensity += cloud.frame.points.len() as u64;
-                }
-                self.frames.push(cloud.frame);
-            }
-            Payload::Returns => {
-                let cloud = read_returns(&mut cursor, axes)?;
-                self.points_dropped += cloud.dropped;
-                self.frames.push(cloud.frame);
-            }
+            Payload::Cloud => self.add(read_cloud(&mut cursor, axes)?),
+            Payload::Returns => self.add(read_returns(&mut cursor, axes)?),
             Payload::Scan(fields) => {
                 let scan = read_scan(&mut cursor, fields)?;
                 let point = within_limits(axes, scan.values);
@@ -410,13 +401,26 @@ impl Topic {
         }
         Ok(())
     }
+
+    fn add(&mut self, cloud: Cloud) {
+        self.points_dropped += cloud.dropped;
+        if !cloud.has_intensity {
+            self.points_without_intensity += cloud.points.len() as u64;
+        }
+        self.frames.push(RecordedFrame {
+            number: 0,
+            stamp_s: Some(cloud.stamp_s),
+            points: cloud.points,
+            board: None,
+        });
+    }
 }
 
 /// A point from three coordinates, a velocity and an intensity; `None` if one is not a number or beyond belief.
 fn within_limits(
     axes: Axes,
     [x, y, z, velocity_mps, intensity_db]: [f64; 5],
-) -> Option<radarllm_base::RadarPoint> {
+) -> Option<RadarPoint> {
     let is_plausible = is_in_range([x, y, z])
         && velocity_mps.abs() <= MAX_VELOCITY_MPS
         && intensity_db.abs() <= MAX_INTENSITY_DB;
@@ -654,12 +658,8 @@ fn read_returns(cursor: &mut Cursor<'_>, axes: Axes) -> Result<Cloud, RecordingE
         }
     }
     Ok(Cloud {
-        frame: RecordedFrame {
-            number: 0,
-            stamp_s: Some(stamp_s),
-            points,
-            board: None,
-        },
+        stamp_s,
+        points,
         dropped,
         has_intensity: true,
     })
@@ -734,7 +734,8 @@ impl Field {
 
 /// A cloud, with what its points lack.
 struct Cloud {
-    frame: RecordedFrame,
+    stamp_s: f64,
+    points: Vec<RadarPoint>,
     dropped: u64,
     has_intensity: bool,
 }
@@ -864,12 +865,8 @@ fn read_cloud(cursor: &mut Cursor<'_>, axes: Axes) -> Result<Cloud, RecordingErr
         }
     }
     Ok(Cloud {
-        frame: RecordedFrame {
-            number: 0,
-            stamp_s: Some(stamp_s),
-            points,
-            board: None,
-        },
+        stamp_s,
+        points,
         dropped,
         has_intensity: has(Column::Intensity),
     })

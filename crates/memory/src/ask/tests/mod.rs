@@ -6,7 +6,7 @@ use radarllm_monitor::rows::{Activity, Origin};
 
 use super::words::split;
 use super::*;
-use crate::store::tests::{NOW_MS, activity, add, event, new_store, origin, watch};
+use crate::store::tests::{NOW_MS, activity, add, add_events, event, new_store, origin, watch};
 use crate::store::{Batch, Store};
 
 /// Monday, 2026-11-23, 18:38:12, an hour east of UTC.

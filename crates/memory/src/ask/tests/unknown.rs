@@ -26,17 +26,6 @@ fn check(store: &Store, expected: &[(&str, &str)]) {
     }
 }
 
-fn add_events(store: &mut Store, events: &[(i64, EventKind)]) {
-    let insert = |batch: &Batch<'_>| {
-        let mut events = events.iter();
-        events.try_for_each(|(at_ms, kind)| {
-            let event = event(*at_ms, *kind);
-            batch.insert_event(&event, &origin()).map(drop)
-        })
-    };
-    store.write(insert).unwrap();
-}
-
 /// An event of the first fall, some seconds after it was suspected, as `live` writes it.
 fn add_fall(store: &mut Store, kind: EventKind, suspected_ms: i64, dwell_s: f64, ack: bool) {
     let mut data = serde_json::json!({ "fall": 1, "dwell_s": dwell_s, "place_m": [0.5, 2.0] });

@@ -45,6 +45,17 @@ pub(crate) fn activity(start_ms: i64, end_ms: i64, action: &str, caption: &str) 
     }
 }
 
+pub(crate) fn add_events(store: &mut Store, events: &[(i64, EventKind)]) {
+    let insert = |batch: &Batch<'_>| {
+        let mut events = events.iter();
+        events.try_for_each(|(at_ms, kind)| {
+            let event = event(*at_ms, *kind);
+            batch.insert_event(&event, &origin()).map(drop)
+        })
+    };
+    store.write(insert).unwrap();
+}
+
 pub(crate) fn event(at_ms: i64, kind: EventKind) -> Event {
     Event {
         at_ms,

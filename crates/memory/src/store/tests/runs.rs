@@ -15,17 +15,6 @@ fn stretch(from: i64, to: i64) -> Stretch {
     }
 }
 
-fn add_events(store: &mut Store, events: &[(i64, EventKind)]) {
-    let insert = |batch: &Batch<'_>| {
-        let mut events = events.iter();
-        events.try_for_each(|(at_ms, kind)| {
-            let event = event(*at_ms, *kind);
-            batch.insert_event(&event, &origin()).map(drop)
-        })
-    };
-    store.write(insert).unwrap();
-}
-
 fn known(watched: &Watched) -> Vec<(Stretch, Vec<Stretch>, bool)> {
     let of = |known: &Known| {
         let presence = known.presence.clone();
