@@ -19,7 +19,7 @@ pub(crate) fn open(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Mod
 /// model is a decoder alone, for which this is not implemented.
 #[cfg(feature = "eval")]
 pub(crate) fn open_cut(model: &Model, decoder: DecoderName) -> CliResult<Vec<CutModel>> {
-    if model.networks().vocab().layout().kind == TextKind::Decoder {
+    if model.networks()?.vocab().layout().kind == TextKind::Decoder {
         return Ok(Vec::new());
     }
     let cuts = [

@@ -184,7 +184,7 @@ impl PyModel {
     ) -> PyResult<Bound<'py, PyAny>> {
         let tokens = self.each(py, &points, threads, |recording| {
             let clip = recording.prepared()?.clip;
-            let networks = self.captioner.model().networks();
+            let networks = self.captioner.model().networks()?;
             networks.tokenize(&clip).map_err(Error::wrap)
         })?;
         let arrays = tokens

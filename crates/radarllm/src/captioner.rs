@@ -247,7 +247,7 @@ impl Captioner {
                 weighed: options.weighed && is_learned,
                 ..*options
             };
-            let model_says = || describe_between_gaps(self.model.networks(), clip, &options);
+            let model_says = || describe_between_gaps(self.model.networks()?, clip, &options);
             findings.said = Some(match (measures, &self.choices, confidence) {
                 (true, ..) => {
                     let mut said = general::describe(clip, &options);

@@ -105,7 +105,7 @@ impl Captioner {
         }
         let activities = &choices.activities;
         let texts: Vec<String> = activities.iter().flat_map(|(_, s)| s.clone()).collect();
-        let scored = self.model().networks().score_texts(clip, &texts, options);
+        let scored = self.model().networks()?.score_texts(clip, &texts, options);
         let windows = scored.map_err(Error::wrap)?;
         // Windows overlap and err alike, so that their probabilities are averaged instead of multiplied.
         let mut probability = vec![0.0_f32; activities.len()];

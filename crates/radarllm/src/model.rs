@@ -1,6 +1,9 @@
 //! A trained model: the one that comes with the library, or a folder made by training.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::{Mutex, OnceLock, PoisonError},
+};
 
 use radarllm_base::{
     hash::Fnv1a,
@@ -202,10 +205,14 @@ pub struct Fingerprint {
     pub hash: u64,
 }
 
-/// A trained model, loaded and ready: radar tokenizers and language models that describe together, how certain they are
-/// on recordings, and the files that they came from.
+/// A trained model: radar tokenizers and language models that describe together, how certain they are on recordings, and the
+/// files that they came from.
 ///
 /// A [`Captioner`](crate::Captioner) describes with it, and adds what a user teaches or chooses.
+///
+/// The networks of a folder are loaded at once, so that a damaged folder is named before anything is computed. Those of a
+/// bundled model are loaded when they are first asked: a recording of a board that they did not learn is described without
+/// them, and clearing and filling their memory would be most of the time to its sentence.
 ///
 /// ```
 /// let model = radarllm::Model::bundled()?;
@@ -216,7 +223,10 @@ pub struct Fingerprint {
 pub struct Model {
     files: ModelFiles,
     name: String,
-    networks: Captioner,
+    options: ModelOptions,
+    networks: OnceLock<Captioner>,
+    /// Held while the networks are loaded, so that threads that ask at once load them once.
+    loading: Mutex<()>,
     confidence: Option<RecordedConfidence>,
 }
 
@@ -237,35 +247,15 @@ impl Model {
         Self::load(ModelFiles::of(Some(folder)), &ModelOptions::default())
     }
 
-    /// Loads a model.
+    /// Opens a model, and loads its networks if they are in a folder.
     ///
     /// # Errors
     /// Files that are missing, damaged or do not belong together, and what the backend cannot compute.
     pub fn load(files: ModelFiles, options: &ModelOptions) -> Result<Self> {
-        let members = files.members();
-        let networks = members.and_then(|all| {
-            let cut = |member| Member {
-                cut: options.cut,
-                ..member
-            };
-            let all = all.into_iter().map(cut);
-            let networks = Captioner::from_members(all, options.precision, options.backend)?;
-            // Without what the language model reads of the radar, nothing else may tell it either.
-            match files.part(EVIDENCE)?.filter(|_| options.cut.is_none()) {
-                Some(evidence) => Ok(networks.with_evidence(Evidence::of(&evidence)?)),
-                None => Ok(networks),
-            }
-        });
-        let networks = networks.map_err(|error| match &files {
-            ModelFiles::Bundled(_) => Error::wrap(error),
-            ModelFiles::Folder(folder) => {
-                let hint = match error {
-                    LmError::NotT5 { .. } => text(NOT_T5),
-                    _ => option("model").text(NO_MODEL),
-                };
-                Error::wrap_in_file(folder, error).with_hint(hint)
-            }
-        })?;
+        let networks = match files {
+            ModelFiles::Folder(_) => OnceLock::from(load_networks(&files, options)?),
+            ModelFiles::Bundled(_) => OnceLock::new(),
+        };
         let file = RecordedConfidence::FILE;
         let confidence = files.optional_text(file)?.map(|text| {
             let parsed = RecordedConfidence::from_toml(&text);
@@ -279,7 +269,9 @@ impl Model {
             confidence: confidence.transpose()?,
             files,
             name,
+            options: *options,
             networks,
+            loading: Mutex::new(()),
         })
     }
 
@@ -295,8 +287,19 @@ impl Model {
     }
 
     /// The networks, which describe batches, tokenize, score sentences and follow instructions.
-    pub fn networks(&self) -> &Captioner {
-        &self.networks
+    ///
+    /// # Errors
+    /// For a bundled model, what the backend cannot compute; those of a folder are loaded already.
+    pub fn networks(&self) -> Result<&Captioner> {
+        if let Some(loaded) = self.networks.get() {
+            return Ok(loaded);
+        }
+        let _loading = self.loading.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(loaded) = self.networks.get() {
+            return Ok(loaded);
+        }
+        let loaded = load_networks(&self.files, &self.options)?;
+        Ok(self.networks.get_or_init(|| loaded))
     }
 
     /// How certain the model is on recordings, if that was fitted ([`RecordedConfidence::FILE`]).
@@ -368,6 +371,34 @@ impl Model {
     }
 }
 
+/// Loads the networks of a model.
+fn load_networks(files: &ModelFiles, options: &ModelOptions) -> Result<Captioner> {
+    let members = files.members();
+    let networks = members.and_then(|all| {
+        let cut = |member| Member {
+            cut: options.cut,
+            ..member
+        };
+        let all = all.into_iter().map(cut);
+        let networks = Captioner::from_members(all, options.precision, options.backend)?;
+        // Without what the language model reads of the radar, nothing else may tell it either.
+        match files.part(EVIDENCE)?.filter(|_| options.cut.is_none()) {
+            Some(evidence) => Ok(networks.with_evidence(Evidence::of(&evidence)?)),
+            None => Ok(networks),
+        }
+    });
+    networks.map_err(|error| match files {
+        ModelFiles::Bundled(_) => Error::wrap(error),
+        ModelFiles::Folder(folder) => {
+            let hint = match error {
+                LmError::NotT5 { .. } => text(NOT_T5),
+                _ => option("model").text(NO_MODEL),
+            };
+            Error::wrap_in_file(folder, error).with_hint(hint)
+        }
+    })
+}
+
 /// Hint for a folder that is no model, after the name of the option.
 const NO_MODEL: &str = " wants a folder made by `radarllm train all`";
 /// Hint for a language model that the inference engine does not run.
@@ -408,7 +439,10 @@ mod tests {
     #[test]
     fn the_folder_of_the_bundled_model_is_the_same_model() {
         let (bundled, folder) = (Model::bundled().unwrap(), Model::open(&weights()).unwrap());
-        assert_eq!(bundled.networks().n_params(), folder.networks().n_params());
+        assert_eq!(
+            bundled.networks().unwrap().n_params(),
+            folder.networks().unwrap().n_params()
+        );
         assert_eq!(bundled.confidence(), folder.confidence());
         assert!(bundled.confidence().is_some());
         assert_eq!(bundled.card().unwrap(), folder.card().unwrap());
@@ -458,7 +492,7 @@ mod tests {
         );
         let model = model.unwrap();
         assert_eq!(model.name(), "tokens (embedded)");
-        let networks = model.networks();
+        let networks = model.networks().unwrap();
         assert_eq!(networks.vocab().layout().n_context, 0);
         for (task, tuned) in [
             (Task::RadarToText, true),

@@ -441,7 +441,7 @@ fn answer(
 ) -> CliResult<AnswerRow> {
     let answer = captioner
         .model()
-        .networks()
+        .networks()?
         .answer(clip, instruction, options);
     let answer = answer.map_err(|e| generate::not_learned(captioner.name(), e))?;
     Ok(AnswerRow {

@@ -74,12 +74,12 @@ fn cpu_features() -> Vec<&'static str> {
 }
 
 fn default_model() -> Check {
-    let loaded = Model::bundled();
+    let loaded = Model::bundled().and_then(|model| model.networks().map(|_| ()));
     Check {
         feature: "default model (demo, describe, view)",
         ok: loaded.is_ok(),
         detail: match loaded {
-            Ok(_) => "embedded, loads and is ready".into(),
+            Ok(()) => "embedded, loads and is ready".into(),
             Err(error) => error.to_string(),
         },
     }

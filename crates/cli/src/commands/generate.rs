@@ -148,7 +148,10 @@ pub(crate) fn codes(
     texts: &[&str],
     beam: usize,
 ) -> CliResult<Vec<Vec<u32>>> {
-    let codes = captioner.model().networks().codes_of_sentences(texts, beam);
+    let codes = captioner
+        .model()
+        .networks()?
+        .codes_of_sentences(texts, beam);
     codes.map_err(|e| not_learned(captioner.name(), e))
 }
 

@@ -63,11 +63,11 @@ pub(super) fn of_radar(run: &Run, clips: &[ClipRecord]) -> CliResult<RowCaptions
     run.assemble()?;
     let model = model::open(Some(&run.recipe.model_dir()), DecoderName::F32)?;
     let started = Instant::now();
-    let texts = captions_of(model.networks(), clips, Some(1))?;
+    let texts = captions_of(model.networks()?, clips, Some(1))?;
     Ok(RowCaptions {
         texts: Ok(texts),
         cost: Cost {
-            parameters: Some(model.networks().n_params()),
+            parameters: Some(model.networks()?.n_params()),
             training_minutes: Some(training_minutes(run, &run.stages)?),
             clips_per_s: Some(per_second(clips.len(), started)),
         },
@@ -77,11 +77,11 @@ pub(super) fn of_radar(run: &Run, clips: &[ClipRecord]) -> CliResult<RowCaptions
 /// Captions of a finished model, by a vote.
 pub(super) fn of_model(model: &Model, clips: &[ClipRecord]) -> CliResult<RowCaptions> {
     let started = Instant::now();
-    let texts = captions_of(model.networks(), clips, None)?;
+    let texts = captions_of(model.networks()?, clips, None)?;
     Ok(RowCaptions {
         texts: Ok(texts),
         cost: Cost {
-            parameters: Some(model.networks().n_params()),
+            parameters: Some(model.networks()?.n_params()),
             training_minutes: None,
             clips_per_s: Some(per_second(clips.len(), started)),
         },

@@ -146,12 +146,12 @@ pub(crate) fn round_trip_into(
     let model = model::open(model, decoder)?;
     let name = model.name();
     // Said before anything is read: most models did not learn to generate.
-    let learned = model.networks().require(Task::TextToRadar, false);
+    let learned = model.networks()?.require(Task::TextToRadar, false);
     learned.map_err(|e| generate::not_learned(name, e))?;
     let decoder = model.points()?;
     let data = Dataset::open(data)?;
     let points = |codes: &[u32], text: &str| Ok(generate::clip_of(&decoder, codes, text, name)?);
-    let (report, lines) = evaluate_round_trip(model.networks(), name, points, &data, options)?;
+    let (report, lines) = evaluate_round_trip(model.networks()?, name, points, &data, options)?;
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("round-trip.jsonl", &output::json_lines(&lines)?)?;
     write("round-trip.md", &round_trip::markdown(&report, &lines))?;
@@ -178,9 +178,12 @@ pub(crate) fn evaluate_into(
     let info = model::info(&model, decoder)?;
     let data = Dataset::open(data)?;
     let cut = model::open_cut(&model, decoder)?;
-    let cut: Vec<_> = cut.iter().map(|c| (c.cut, c.model.networks())).collect();
+    let cut: Vec<_> = cut
+        .iter()
+        .map(|c| Ok((c.cut, c.model.networks()?)))
+        .collect::<CliResult<_>>()?;
     let (mut report, clips) =
-        evaluate_captions_with(model.networks(), &cut, &info, &data, options, add)?;
+        evaluate_captions_with(model.networks()?, &cut, &info, &data, options, add)?;
     report.peak_memory_mb = peak_memory_mb();
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     let lines = output::json_lines(clips.iter().map(CaptionedClip::line))?;

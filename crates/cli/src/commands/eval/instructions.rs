@@ -78,11 +78,11 @@ pub(crate) fn evaluate_into(
     let wordings = Wordings::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", wordings.display())))?;
     let model = model::open(Some(model), DecoderName::F32)?;
-    let learned = model.networks().require(Task::Question, true);
+    let learned = model.networks()?.require(Task::Question, true);
     learned.map_err(|e| generate::not_learned(model.name(), e))?;
     let data = Dataset::open(data)?;
     let (report, lines) =
-        evaluate_instructions(model.networks(), model.name(), &data, &wordings, options)?;
+        evaluate_instructions(model.networks()?, model.name(), &data, &wordings, options)?;
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("instructions.jsonl", &output::json_lines(&lines)?)?;
     write("instructions.md", &markdown(&report))?;

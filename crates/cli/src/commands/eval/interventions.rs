@@ -34,9 +34,8 @@ pub(super) fn run(args: &InterventionsArgs) -> CliResult {
         count: args.count,
         seed: args.seed,
     };
-    let report = on_threads(args.threads, || {
-        evaluate_interventions(model.networks(), &options)
-    })??;
+    let networks = model.networks()?;
+    let report = on_threads(args.threads, || evaluate_interventions(networks, &options))??;
     if args.json {
         return output::print_json(&report);
     }

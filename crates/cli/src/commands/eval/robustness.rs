@@ -75,8 +75,15 @@ pub(super) fn run(args: &RobustnessArgs) -> CliResult {
     let model = model::open(args.model.as_deref(), args.decoder)?;
     let info = model::info(&model, args.decoder)?;
     let corpora = config.open_sources(data_base)?;
-    let experiment = Experiment::new(&plan, &config, data_base, &corpora, model.networks(), &info)
-        .map_err(problem)?;
+    let experiment = Experiment::new(
+        &plan,
+        &config,
+        data_base,
+        &corpora,
+        model.networks()?,
+        &info,
+    )
+    .map_err(problem)?;
     let changes = plan
         .changes()
         .into_iter()
