@@ -1,7 +1,7 @@
 //! What can go wrong while a question is answered.
 
 use radarllm_dataset::DatasetError;
-use radarllm_inference::LmError;
+use radarllm_inference::{LmError, PrepareError};
 use radarllm_metrics::{ScoreError, embedding::EmbeddingError};
 use radarllm_synth::SynthError;
 
@@ -47,6 +47,9 @@ pub enum EvalError {
         /// Cause.
         source: PoseError,
     },
+    /// Points that the model cannot read.
+    #[error(transparent)]
+    Prepare(#[from] PrepareError),
     /// The data set cannot be read.
     #[error("{0}")]
     Dataset(#[from] DatasetError),

@@ -32,7 +32,16 @@ pub struct PrepareOptions {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PreparedClip<'a> {
     clip: Cow<'a, Clip>,
-    moving: Option<Box<Clip>>,
+    parted: Option<Box<Parted>>,
+}
+
+/// Other selections of the points of a clip of which static ones were removed.
+#[derive(Clone, Debug, PartialEq)]
+struct Parted {
+    /// What has a speed; `None` if nothing has.
+    moving: Option<Clip>,
+    /// Everything that the board reported, at its own frame rate.
+    reported: Clip,
 }
 
 impl<'a> PreparedClip<'a> {
@@ -48,7 +57,7 @@ impl<'a> PreparedClip<'a> {
         check(clip)?;
         Ok(Self {
             clip: Cow::Borrowed(clip),
-            moving: None,
+            parted: None,
         })
     }
 
@@ -58,7 +67,15 @@ impl<'a> PreparedClip<'a> {
     /// activity one may lose the slow points of the person and the other not. Recordings that are compared with each other
     /// need the same points of both.
     pub fn moving(&self) -> &Clip {
-        self.moving.as_deref().unwrap_or(&self.clip)
+        let parted = self.parted.as_ref();
+        let moving = parted.and_then(|parted| parted.moving.as_ref());
+        moving.unwrap_or(&self.clip)
+    }
+
+    /// The clip with every point that the board reported, the static ones of the room and of somebody who keeps still as well,
+    /// at the frame rate of the board; `None` if no static point was removed.
+    pub fn reported(&self) -> Option<&Clip> {
+        self.parted.as_ref().map(|parted| &parted.reported)
     }
 
     /// The clip, copied if it is somebody else's.
@@ -66,9 +83,28 @@ impl<'a> PreparedClip<'a> {
         self.clip.into_owned()
     }
 
-    /// The clip, and that of [`Self::moving`] if it is another one.
-    pub fn into_clip_and_moving(self) -> (Clip, Option<Clip>) {
-        (self.clip.into_owned(), self.moving.map(|moving| *moving))
+    /// A part of the clip: `n_frames` from a frame on, or as many as there are, with their times.
+    pub fn part(&self, first: usize, n_frames: usize) -> PreparedClip<'static> {
+        let within = |clip: &Clip| {
+            let frames = clip.frames.iter().skip(first).take(n_frames);
+            clip.with_frames(frames.cloned().collect())
+        };
+        let clip = within(&self.clip);
+        let parted = self.parted.as_ref().map(|parted| {
+            let from_s = clip.frames.first().map_or(f64::INFINITY, |f| f.time_s);
+            let end = self.clip.frames.get(first.saturating_add(n_frames));
+            let to_s = end.map_or(f64::INFINITY, |f| f.time_s);
+            let frames = parted.reported.frames.iter();
+            let frames = frames.filter(|f| (from_s..to_s).contains(&f.time_s));
+            Box::new(Parted {
+                moving: parted.moving.as_ref().map(within),
+                reported: parted.reported.with_frames(frames.cloned().collect()),
+            })
+        });
+        PreparedClip {
+            clip: Cow::Owned(clip),
+            parted,
+        }
     }
 }
 
@@ -160,7 +196,12 @@ pub fn prepare_for_model(
 ) -> Result<Prepared, PrepareError> {
     check(&clip)?;
     let mut removed_static = None;
-    let mut moving = with_speed(&clip);
+    let mut parted = is_parted(&clip).then(|| {
+        Box::new(Parted {
+            moving: with_speed(&clip),
+            reported: clip.clone(),
+        })
+    });
     if removes_static(&clip) {
         removed_static = clip.remove_static_clutter();
     }
@@ -171,12 +212,14 @@ pub fn prepare_for_model(
         let resample =
             |clip: Clip| clip.resample(f64::from(FRAME_RATE_HZ), options.motion_compensate);
         clip = resample(clip)?;
-        moving = moving.map(resample).transpose()?;
+        if let Some(parted) = &mut parted {
+            parted.moving = parted.moving.take().map(resample).transpose()?;
+        }
     }
     Ok(Prepared {
         clip: PreparedClip {
             clip: Cow::Owned(clip),
-            moving: moving.map(Box::new),
+            parted,
         },
         removed_static,
         resampled_from_hz,
@@ -199,11 +242,10 @@ fn is_parted(clip: &Clip) -> bool {
     removes_static(clip) && (has_both() || clip.static_clutter().is_some())
 }
 
-/// The clip without the points whose speed is exactly zero; `None` if that is the clip that the model reads, or if no point
-/// has a speed.
+/// The clip without the points whose speed is exactly zero; `None` if no point has a speed.
 fn with_speed(clip: &Clip) -> Option<Clip> {
     let mut points = clip.frames.iter().flat_map(|f| &f.points);
-    if !is_parted(clip) || !points.any(is_moving) {
+    if !points.any(is_moving) {
         return None;
     }
     let frame = |frame: &PointFrame| {
@@ -437,5 +479,26 @@ mod tests {
         assert_eq!(error, PrepareError::TimeNotFinite { frame: 3 });
         let error = refuse(&|clip| clip.frames[3].points[1].z_m = f32::INFINITY);
         assert_eq!(error, PrepareError::NotFinite { frame: 3, point: 1 });
+    }
+
+    #[test]
+    fn what_the_board_reported_is_kept_at_its_own_rate_and_cut_with_the_clip() {
+        let clip = recorded(20.0, &[0.0, 0.0, 0.0, 0.8]);
+        let prepared = prepare(clip.clone()).clip;
+        assert_eq!(prepared.reported(), Some(&clip));
+        assert_eq!(prepare(recorded(20.0, &[0.8])).clip.reported(), None);
+        let part = prepared.part(4, 3);
+        assert_eq!(part.frames[..], prepared.frames[4..7]);
+        assert_eq!(part.moving().frames.len(), 3);
+        let reported = &part.reported().unwrap().frames;
+        assert!(reported.len() >= 5 && reported.iter().all(|f| f.points.len() == 4));
+        let until_s = prepared.frames[7].time_s;
+        assert!(
+            reported
+                .iter()
+                .all(|f| (part.frames[0].time_s..until_s).contains(&f.time_s))
+        );
+        assert_eq!(prepared.part(0, usize::MAX), prepared);
+        assert_eq!(prepared.part(50, 3).frames, []);
     }
 }

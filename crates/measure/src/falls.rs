@@ -2,7 +2,8 @@
 //!
 //! Where the board tracks heights, a fall is a downward speed that sitting down does not reach, after which the track is
 //! lower than that of anybody who sits. Where it does not, the heights of the points stand for it: the middle of all points
-//! of a second falls by more than a seat is deep.
+//! of a second falls by more than a seat is deep. Where heights show nothing and the board reports static points, too, a fall
+//! below the beam shows: somebody moves at one place, and at once nothing reflects there any more, neither moving nor static.
 
 use radarllm_base::{PointFrame, RadarPoint, stats::quantile_nearest};
 
@@ -36,6 +37,7 @@ const APART_S: f64 = 3.0;
 const POOL_S: f64 = 1.0;
 const POOL_GAP_S: f64 = 0.3;
 const POOL_FALL_M: f32 = 0.7;
+/// They are at least as many as the frames: what fewer points show is chance.
 const POOL_POINTS: usize = 4;
 /// Share of the points that must be left afterwards: what lies on the floor reflects (three tenths or more of the points in
 /// the falls of the IWRL6432AOP), and who stops leaves noise where static points are removed (one or two hundredths).
@@ -45,6 +47,31 @@ const POOL_SHIFT_M: f32 = 1.0;
 /// How far the middle half of the points may be spread afterwards on the floor and in height, m: at most 1.95 m and 2.0 m after
 /// the falls of the IWRL6432AOP. The few points that are left of somebody who stops are noise from everywhere.
 const POOL_SPREAD_M: [f32; 2] = [2.0, 2.2];
+
+/// Time of the movement before somebody drops out of view, and of the absence afterwards, s; how long nobody may be back, s.
+const MOVING_S: f64 = 1.0;
+const ABSENT_S: f64 = 0.8;
+const NOT_BACK_S: f64 = 2.0;
+/// Moments that are looked at are so far apart, s.
+const VIEW_STEP_S: f64 = 0.1;
+/// How far the points of one place are apart, m, and how many must move there.
+const VIEW_NEAR_M: f32 = 0.6;
+const VIEW_POINTS: usize = 10;
+/// Points weaker than those of the person by this, dB, are echoes of the room. The strength of a person is that of the upper
+/// tenth of the points.
+const VIEW_WEAKER_DB: f32 = 6.0;
+const VIEW_STRENGTH: f32 = 0.9;
+/// Share of the moving points that may be left at the place, or as strong elsewhere.
+const VIEW_LEFT: f32 = 0.15;
+/// How far the place may be from that of a second before, m: who is farther walks out of view.
+const VIEW_SHIFT_M: f32 = 0.5;
+/// Share of the frames in which static points are reported while the person is not seen: somebody who keeps still would be
+/// among them.
+const VIEW_STATIC: f32 = 0.5;
+/// How sure such a fall is at most: one board showed falls this way, of one person.
+const VIEW_PROBABILITY: f32 = 0.9;
+/// Shorter recordings are whole events, s; in longer ones the second before the movement must be known.
+const EVENT_S: f64 = 5.0;
 
 /// A fall.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -206,15 +233,20 @@ fn standing_by_points_m(frames: &[PointFrame], t_s: f64) -> Option<f32> {
     Some(middle_m + MIDDLE_BELOW_M)
 }
 
+/// The frames between two times, s. Frames are in order of time.
+fn frames_between(frames: &[PointFrame], from_s: f64, to_s: f64) -> &[PointFrame] {
+    let first = frames.partition_point(|frame| frame.time_s < from_s);
+    let last = frames.partition_point(|frame| frame.time_s <= to_s);
+    &frames[first..last.max(first)]
+}
+
 /// The points between two times, s, without leakage. Frames are in order of time.
 fn points_between(
     frames: &[PointFrame],
     from_s: f64,
     to_s: f64,
 ) -> impl Iterator<Item = &RadarPoint> {
-    let first = frames.partition_point(|frame| frame.time_s < from_s);
-    let last = frames.partition_point(|frame| frame.time_s <= to_s);
-    let points = frames[first..last.max(first)]
+    let points = frames_between(frames, from_s, to_s)
         .iter()
         .flat_map(|f| &f.points);
     points.filter(|point| !point.is_leakage())
@@ -237,8 +269,8 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
     let pool = |from_s: f64, to_s: f64| -> Vec<RadarPoint> {
         points_between(frames, from_s, to_s).copied().collect()
     };
-    let middle = |points: &[RadarPoint]| {
-        (points.len() >= POOL_POINTS)
+    let middle = |points: &[RadarPoint], n_frames: usize| {
+        (points.len() >= POOL_POINTS.max(n_frames))
             .then(|| quantile_nearest(points.iter().map(|p| p.z_m), 0.5))
             .flatten()
     };
@@ -246,7 +278,9 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
     for t_s in frames.iter().map(|f| f.time_s) {
         let before = pool(t_s - POOL_GAP_S - POOL_S, t_s - POOL_GAP_S);
         let after = pool(t_s, t_s + POOL_S);
-        let (Some(before_m), Some(after_m)) = (middle(&before), middle(&after)) else {
+        let n_frames = frames_between(frames, t_s - POOL_GAP_S - POOL_S, t_s - POOL_GAP_S).len();
+        let middles = [&before, &after].map(|points| middle(points, n_frames));
+        let [Some(before_m), Some(after_m)] = middles else {
             continue;
         };
         let fallen_m = before_m - after_m;
@@ -259,10 +293,8 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
             continue;
         }
         let place_of = |points: &[RadarPoint]| {
-            let middle = |axis: fn(&RadarPoint) -> f32| {
-                quantile_nearest(points.iter().map(axis), 0.5).unwrap_or_default()
-            };
-            [middle(|p| p.x_m), middle(|p| p.y_m)]
+            let points: Vec<&RadarPoint> = points.iter().collect();
+            middle_of(&points).unwrap_or_default()
         };
         let [from_m, place_m] = [place_of(&before), place_of(&after)];
         let shift_m = (from_m[0] - place_m[0]).hypot(from_m[1] - place_m[1]);
@@ -282,6 +314,109 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
         );
     }
     falls
+}
+
+/// The falls below the beam of a board that reports static points: for about a second somebody moves at one place, and then
+/// nothing is there any more, although static points of the room are still reported. Somebody who stops is still there as a
+/// static echo, and somebody who walks away is seen elsewhere, or fades.
+///
+/// `frames` are all points that the board reports, without a time in which no frame came. Where points have no intensity,
+/// nothing at all may be left at the place.
+pub fn falls_out_of_view(frames: &[PointFrame]) -> Vec<Fall> {
+    let mut falls = Vec::new();
+    let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+        return falls;
+    };
+    let is_event = last.time_s - first.time_s < EVENT_S;
+    let mut next_s = first.time_s;
+    for frame in frames {
+        let t_s = frame.time_s;
+        // The moments differ by rounding from multiples of the step.
+        if t_s < next_s - 1e-6 {
+            continue;
+        }
+        next_s = t_s + VIEW_STEP_S;
+        if t_s + ABSENT_S > last.time_s + 1e-6 {
+            break;
+        }
+        if !is_event && t_s - 2.0 * MOVING_S < first.time_s {
+            continue;
+        }
+        if let Some(fall) = drops_out_of_view(frames, t_s) {
+            push(&mut falls, fall);
+        }
+    }
+    falls
+}
+
+/// The fall of somebody who drops out of view at a time.
+fn drops_out_of_view(frames: &[PointFrame], t_s: f64) -> Option<Fall> {
+    /// A frame at the time itself belongs to the absence.
+    const BEFORE_S: f64 = 1e-3;
+    let moves = |point: &&RadarPoint| point.velocity_mps != 0.0;
+    let moving = |from_s: f64, to_s: f64| points_between(frames, from_s, to_s).filter(moves);
+    let before: Vec<&RadarPoint> = moving(t_s - MOVING_S, t_s - BEFORE_S).collect();
+    if before.len() < VIEW_POINTS {
+        return None;
+    }
+    let mut place_m = middle_of(&before)?;
+    // What moves elsewhere draws the middle away from the place.
+    let mut own = before;
+    for _ in 0..3 {
+        own.retain(|point| is_at(point, place_m));
+        place_m = middle_of(&own)?;
+    }
+    let distance_m = place_m[0].hypot(place_m[1]);
+    if own.len() < VIEW_POINTS || distance_m < MIN_DISTANCE_M {
+        return None;
+    }
+    let strength_db = quantile_nearest(own.iter().map(|p| p.intensity_db), VIEW_STRENGTH)?;
+    let is_strong = |point: &RadarPoint| point.intensity_db > strength_db - VIEW_WEAKER_DB;
+    // As many as may be left in the time of the absence.
+    let left = VIEW_LEFT * own.len() as f32 * (ABSENT_S / MOVING_S) as f32;
+    let is_few = |n: usize| n as f32 <= left;
+    let absent = || points_between(frames, t_s, t_s + ABSENT_S);
+    let back = points_between(frames, t_s, t_s + NOT_BACK_S);
+    let back_db = back.filter(|p| is_at(p, place_m)).map(|p| p.intensity_db);
+    let weaker_db = strength_db - back_db.fold(f32::NEG_INFINITY, f32::max);
+    let is_seen = weaker_db < VIEW_WEAKER_DB;
+    let n_left = absent().filter(moves).filter(|p| is_at(p, place_m)).count();
+    let n_elsewhere = absent().filter(moves).filter(|p| is_strong(p)).count();
+    if is_seen || !is_few(n_left) || !is_few(n_elsewhere) || !room_is_seen(frames, t_s) {
+        return None;
+    }
+    let earlier: Vec<&RadarPoint> =
+        moving(t_s - 2.0 * MOVING_S, t_s - MOVING_S - BEFORE_S).collect();
+    let has_come = earlier.len() >= POOL_POINTS
+        && middle_of(&earlier).is_some_and(|earlier_m| {
+            (earlier_m[0] - place_m[0]).hypot(earlier_m[1] - place_m[1]) > VIEW_SHIFT_M
+        });
+    // Who walks out of view becomes fewer points.
+    (!has_come && own.len() >= earlier.len()).then(|| Fall {
+        t_s,
+        place_m,
+        probability: beyond(weaker_db, VIEW_WEAKER_DB).min(VIEW_PROBABILITY),
+    })
+}
+
+/// Whether static points are reported in the frames of an absence.
+fn room_is_seen(frames: &[PointFrame], t_s: f64) -> bool {
+    let frames = frames_between(frames, t_s, t_s + ABSENT_S);
+    let is_static = |point: &RadarPoint| point.velocity_mps == 0.0 && !point.is_leakage();
+    let shows = |frame: &&PointFrame| frame.points.iter().any(is_static);
+    let n = frames.iter().filter(shows).count();
+    n as f32 >= VIEW_STATIC * frames.len() as f32 && n > 0
+}
+
+/// The middle of points on the floor, m.
+fn middle_of(points: &[&RadarPoint]) -> Option<[f32; 2]> {
+    let middle =
+        |axis: fn(&RadarPoint) -> f32| quantile_nearest(points.iter().map(|p| axis(p)), 0.5);
+    Some([middle(|p| p.x_m)?, middle(|p| p.y_m)?])
+}
+
+fn is_at(point: &RadarPoint, [x_m, y_m]: [f32; 2]) -> bool {
+    (point.x_m - x_m).hypot(point.y_m - y_m) < VIEW_NEAR_M
 }
 
 /// How far the middle half of points is spread on the floor, and in height, m.
@@ -456,5 +591,112 @@ mod tests {
         assert_eq!(falls_of_points(&recording(-0.5, 2.0)), []);
         // Leakage before the antennas is nobody.
         assert_eq!(falls_of_points(&recording(-1.1, 0.1)), []);
+    }
+
+    /// Ten frames a second of a room with two static echoes, before which somebody stands 1 m away, moves from 3 s on, and is
+    /// what `after` says from 4 s on.
+    fn room(after: impl Fn(f64) -> Vec<RadarPoint>) -> Vec<PointFrame> {
+        let frame = |i: u32| {
+            let time_s = f64::from(i) / 10.0;
+            let mut points = vec![view_point(2.5, 0.0, 15.0), view_point(3.0, 0.0, 18.0)];
+            match i {
+                0..30 => points.push(view_point(1.0, 0.0, 35.0)),
+                30..40 => points.extend([view_point(1.0, 0.2, 40.0); 3]),
+                _ => points.extend(after(time_s)),
+            }
+            PointFrame {
+                frame: i,
+                time_s,
+                points,
+                ..PointFrame::default()
+            }
+        };
+        (0..80).map(frame).collect()
+    }
+
+    fn view_point(y_m: f32, velocity_mps: f32, intensity_db: f32) -> RadarPoint {
+        RadarPoint {
+            y_m,
+            range_m: y_m,
+            velocity_mps,
+            intensity_db,
+            ..RadarPoint::default()
+        }
+    }
+
+    #[test]
+    fn who_drops_out_of_view_while_the_room_is_still_seen_has_fallen() {
+        let falls = falls_out_of_view(&room(|_| Vec::new()));
+        assert_eq!(falls.len(), 1);
+        assert!((3.5..4.5).contains(&falls[0].t_s), "{falls:?}");
+        assert_eq!(falls[0].place_m, [0.0, 1.0]);
+        // Weak echoes of the floor at the same place.
+        let weak = falls_out_of_view(&room(|_| vec![view_point(1.1, 0.0, 20.0)]));
+        assert_eq!(weak.len(), 1);
+        // Who stops is a static echo, who bends is back after a second, who walks away is seen elsewhere.
+        let stopped = room(|_| vec![view_point(1.0, 0.0, 37.0)]);
+        let back = room(|t_s| match t_s {
+            t_s if t_s < 5.0 => Vec::new(),
+            _ => vec![view_point(1.0, 0.2, 40.0)],
+        });
+        let gone = room(|t_s| vec![view_point(1.0 + (t_s - 3.8) as f32 * 2.0, 0.2, 38.0); 2]);
+        for frames in [stopped, back, gone] {
+            assert_eq!(falls_out_of_view(&frames), []);
+        }
+    }
+
+    #[test]
+    fn an_absence_says_nothing_where_static_points_are_not_reported_or_the_start_is_not_known() {
+        let fall = room(|_| Vec::new());
+        let mut moving = fall.clone();
+        for frame in &mut moving {
+            frame.points.retain(|p| p.velocity_mps != 0.0);
+        }
+        assert_eq!(falls_out_of_view(&moving), []);
+        // Somebody who comes from elsewhere, or of whom ever fewer points are seen, leaves.
+        let arrives = |y_m: f32, n: usize| {
+            let mut frames = fall.clone();
+            for frame in &mut frames[20..30] {
+                frame.points.extend(vec![view_point(y_m, 0.2, 40.0); n]);
+            }
+            falls_out_of_view(&frames).len()
+        };
+        assert_eq!(
+            (arrives(1.0, 1), arrives(2.0, 1), arrives(1.0, 8)),
+            (1, 0, 0)
+        );
+        // A longer recording that begins with the movement does not tell where it comes from; a short one is an event.
+        assert_eq!(falls_out_of_view(&fall[30..]).len(), 1);
+        let mut longer = fall[30..].to_vec();
+        let empty = longer[40].clone();
+        longer.extend((0..20).map(|i| PointFrame {
+            time_s: 8.0 + f64::from(i) / 10.0,
+            ..empty.clone()
+        }));
+        assert_eq!(falls_out_of_view(&longer), []);
+        assert_eq!(falls_out_of_view(&[]), []);
+    }
+
+    #[test]
+    fn fewer_points_than_frames_show_no_fall() {
+        let recording = |every: usize| -> Vec<PointFrame> {
+            let frame = |i: usize| {
+                let z_m = if i < 80 { 0.3 } else { -0.7 };
+                let point = RadarPoint {
+                    y_m: 2.0,
+                    z_m,
+                    ..RadarPoint::default()
+                };
+                PointFrame {
+                    frame: i as u32,
+                    time_s: i as f64 / 20.0,
+                    points: vec![point; usize::from(i.is_multiple_of(every))],
+                    ..PointFrame::default()
+                }
+            };
+            (0..160).map(frame).collect()
+        };
+        assert_eq!(falls_of_points(&recording(1)).len(), 1);
+        assert_eq!(falls_of_points(&recording(4)), []);
     }
 }

@@ -7,7 +7,7 @@ use radarllm_inference::{
 };
 use radarllm_measure::{
     Activity, Site, State, TrackedPerson,
-    falls::falls_of_points,
+    falls::{Fall, falls_of_points, falls_out_of_view},
     measure,
     people::{MIN_TRACKED_S, Sample, Tracker},
     sentence,
@@ -37,7 +37,10 @@ impl Measured {
         match measure(&clip.frames, &site) {
             Some(states) => Self::States(states),
             None => {
-                let in_clip = |clip: &Clip| [walks_in_points(clip), falls_in_points(&clip.frames)];
+                let in_clip = |clip: &Clip| {
+                    let falls = falls_of_points(&clip.frames);
+                    [walks_in_points(clip), fall_segments(&clip.frames, falls)]
+                };
                 let [mut walks, mut falls] = in_clip(clip);
                 let all = clip.moving();
                 let is_other = !std::ptr::eq(all, &**clip);
@@ -45,6 +48,15 @@ impl Measured {
                     let [other_walks, other_falls] = in_clip(all);
                     keep_shown(&mut walks, &other_walks);
                     keep_shown(&mut falls, &other_falls);
+                }
+                if let Some(reported) = clip.reported() {
+                    // A time without frames shows nobody, and says nothing.
+                    let runs = reported.frames.chunk_by(follows);
+                    let found = runs.flat_map(falls_out_of_view).collect();
+                    let mut out_of_view = fall_segments(&reported.frames, found);
+                    out_of_view.retain(|fall| !falls.iter().any(|other| overlap(fall, other)));
+                    falls.append(&mut out_of_view);
+                    falls.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
                 }
                 walks.append(&mut falls);
                 Self::InPoints(walks)
@@ -63,6 +75,10 @@ fn keep_shown(segments: &mut Vec<Segment>, others: &[Segment]) {
         };
         2.0 * others.iter().map(covered_s).sum::<f64>() >= segment.end_s - segment.start_s
     });
+}
+
+fn overlap(a: &Segment, b: &Segment) -> bool {
+    a.start_s < b.end_s && b.start_s < a.end_s
 }
 
 /// The site of a clip from which nothing can be learned.
@@ -233,11 +249,11 @@ fn people_in_points(frames: &[PointFrame]) -> Vec<TrackedPerson> {
     tracks.iter().map(person).collect()
 }
 
-/// The falls that points alone show.
-fn falls_in_points(frames: &[PointFrame]) -> Vec<Segment> {
+/// The sentences of falls in frames.
+fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
     let end_s = frames.last().map_or(0.0, |f| f.time_s);
     let start_s = frames.first().map_or(0.0, |f| f.time_s);
-    let segment = |fall: radarllm_measure::falls::Fall| {
+    let segment = |fall: Fall| {
         let [x_m, y_m] = fall.place_m;
         let caption = format!("a person falls {:.1} m away", x_m.hypot(y_m));
         Segment {
@@ -251,7 +267,7 @@ fn falls_in_points(frames: &[PointFrame]) -> Vec<Segment> {
             guess: None,
         }
     };
-    falls_of_points(frames).into_iter().map(segment).collect()
+    falls.into_iter().map(segment).collect()
 }
 
 #[cfg(test)]

@@ -98,7 +98,7 @@ fn read(config: &RecordingsConfig, folder: &Path) -> CliResult<Vec<RadharRecordi
             .with_options(options.clone())
             .points()?
             .prepared()?;
-        let (clip, _) = prepared.clip.into_clip_and_moving();
+        let clip = prepared.clip.into_clip();
         let mut activities = config.activity.iter();
         recordings.push(RadharRecording {
             activity: activities

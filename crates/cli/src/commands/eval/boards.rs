@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Captioner, CaptureFormat, CaptureOptions, PointFrame, Recording, Site};
+use radarllm::{
+    Captioner, CaptureFormat, CaptureOptions, DescribeOptions, PointFrame, PreparedClip, Recording,
+    Site,
+};
 use radarllm_eval::{
     boards::{BoardConfig, BoardReport, BoardsConfig, BoardsReport, Reading, markdown},
     recordings::{Role, evaluate_recordings},
@@ -125,7 +128,9 @@ fn evaluate(
         };
         let folder = args.data.join(&part.recordings);
         let recordings = read_recordings(&config, Role::Tuning, &folder, &options)?;
-        let describe = |clip: &radarllm::Clip| -> CliResult<_> { Ok(captioner.describe(clip)?) };
+        let describe = |clip: &PreparedClip| -> CliResult<_> {
+            Ok(captioner.describe_prepared(clip, &DescribeOptions::default())?)
+        };
         let recordings = recordings.into_iter().map(Ok);
         let report = evaluate_recordings(describe, name, &config, Role::Tuning, recordings)?;
         rows.extend(report.rows);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{CaptureFormat, CaptureOptions, Clip, DescribeOptions, open_radar};
+use radarllm::{CaptureFormat, CaptureOptions, DescribeOptions, PreparedClip, open_radar};
 use radarllm_dataset::Dataset;
 use radarllm_eval::{
     proxy::Proxy,
@@ -95,8 +95,9 @@ pub(crate) fn run(args: &EvalRecordingsArgs) -> CliResult {
             beam: args.beam,
             ..DescribeOptions::default()
         };
-        let describe =
-            |clip: &Clip| -> CliResult<_> { Ok(captioner.describe_with(clip, &options)?) };
+        let describe = |clip: &PreparedClip| -> CliResult<_> {
+            Ok(captioner.describe_prepared(clip, &options)?)
+        };
         if let Some(n_examples) = args.teach {
             let pool = match role {
                 Role::Tuning => recordings.clone(),
@@ -136,7 +137,7 @@ pub(crate) fn run(args: &EvalRecordingsArgs) -> CliResult {
     } else {
         let data: Result<Vec<Dataset>, _> = args.proxy.iter().map(|d| Dataset::open(d)).collect();
         let proxy = Proxy::of_data_sets(&data?, args.proxy_copies, 1)?;
-        let describe = |clip: &Clip| -> CliResult<_> { Ok(proxy.describe(clip)) };
+        let describe = |clip: &PreparedClip| -> CliResult<_> { Ok(proxy.describe(clip)) };
         let recordings = recordings.into_iter().map(Ok);
         let report = evaluate_recordings(describe, &proxy.name(), &config, role, recordings)?;
         log_look(args, &report, 0, "")?;

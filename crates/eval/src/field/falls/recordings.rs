@@ -97,6 +97,7 @@ fn watch(clip: &Clip) -> Result<WatchedRoom, EvalError> {
 #[cfg(test)]
 mod tests {
     use radarllm_base::{Clutter, PointFrame, Provenance, RadarPoint};
+    use radarllm_inference::{PrepareOptions, prepare_for_model};
 
     use super::*;
 
@@ -129,19 +130,24 @@ mod tests {
                 .collect(),
             board: None,
         };
+        let clip = Clip {
+            frames: (0..10 * seconds).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            is_height_assumed: false,
+            radar: "r".into(),
+            provenance: Provenance::recorded("csv", "x.csv"),
+            clutter: Clutter::Settled,
+        };
+        labelled(activity, seconds, clip)
+    }
+
+    fn labelled(activity: &str, seconds: usize, clip: Clip) -> LabelledRecording {
+        let prepared = prepare_for_model(clip, &PrepareOptions::default());
         LabelledRecording {
             name: format!("{activity} {seconds}"),
             activity: activity.into(),
-            clip: Clip {
-                frames: (0..10 * seconds).map(frame).collect(),
-                frame_rate_hz: 10.0,
-                radar_height_m: 1.0,
-                is_height_assumed: false,
-                radar: "r".into(),
-                provenance: Provenance::recorded("csv", "x.csv"),
-                clutter: Clutter::Settled,
-            },
-            moving: None,
+            clip: prepared.unwrap().clip,
         }
     }
 
@@ -170,13 +176,14 @@ mod tests {
     fn simulated_points_and_other_rates_are_refused() {
         let config = RecordingsConfig::from_toml(CONFIG).unwrap();
         let refused = |change: fn(&mut Clip)| {
-            let mut one = recording("walk", 2);
-            change(&mut one.clip);
+            let mut clip = recording("walk", 2).clip.into_clip();
+            change(&mut clip);
+            let one = labelled("walk", 2, clip);
             recording_alarms("c", &config, Role::Tuning, &[one])
                 .unwrap_err()
                 .to_string()
         };
-        assert!(refused(|clip| clip.frame_rate_hz = 20.0).contains("20"));
+        assert!(refused(|clip| clip.frame_rate_hz = 10.4).contains("10.4"));
         let simulated = refused(|clip| clip.provenance = Provenance::simulated("walk", 1));
         assert!(simulated.contains("simulated"), "{simulated}");
     }

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs, io, path::Path};
 
 use radarllm_base::{Clip, PointFrame};
 use radarllm_dataset::{Columns, Dataset, Split};
-use radarllm_inference::PreparedClip;
+use radarllm_inference::{PrepareOptions, PreparedClip, prepare_for_model};
 
 use super::{LabelledRecording, RecordingsConfig, Role};
 use crate::{EvalError, captions::take_clip};
@@ -73,8 +73,11 @@ pub fn labelled_clips(
             let clip = LabelledRecording {
                 name: name.clone(),
                 activity: activity.name.clone(),
-                clip: take_clip(&mut record, rate_hz),
-                moving: None,
+                clip: prepare_for_model(
+                    take_clip(&mut record, rate_hz),
+                    &PrepareOptions::default(),
+                )?
+                .clip,
             };
             labelled.insert(name, clip);
         }
@@ -106,31 +109,23 @@ pub fn parts(
     config: &RecordingsConfig,
     activity: &str,
     name: &str,
-    clip: PreparedClip<'_>,
+    clip: PreparedClip<'static>,
 ) -> Vec<LabelledRecording> {
-    let (clip, moving) = clip.into_clip_and_moving();
     let Some(part_s) = config.part_s else {
         return vec![LabelledRecording {
             name: name.into(),
             activity: activity.into(),
             clip,
-            moving,
         }];
     };
     let n_frames = ((part_s * clip.frame_rate_hz).round() as usize).max(1);
-    let part = |(i, frames): (usize, &[PointFrame])| {
+    let part = |i: usize| {
         let start_s = (i * n_frames) as f64 / clip.frame_rate_hz;
-        let moving = moving.as_ref().map(|moving| {
-            let frames = moving.frames[i * n_frames..].iter().take(n_frames);
-            moving.with_frames(frames.cloned().collect())
-        });
         LabelledRecording {
             name: format!("{name} from {start_s:.0} s"),
             activity: activity.into(),
-            clip: clip.with_frames(frames.to_vec()),
-            moving,
+            clip: clip.part(i * n_frames, n_frames),
         }
     };
-    let chunks = clip.frames.chunks_exact(n_frames);
-    chunks.enumerate().map(part).collect()
+    (0..clip.frames.len() / n_frames).map(part).collect()
 }

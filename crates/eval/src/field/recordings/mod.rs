@@ -17,7 +17,7 @@ pub mod training;
 use std::collections::BTreeMap;
 
 use radarllm_base::Clip;
-use radarllm_inference::{Description, Segment};
+use radarllm_inference::{Description, PreparedClip, Segment};
 use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
@@ -245,17 +245,8 @@ pub struct LabelledRecording {
     pub name: String,
     /// Name of the activity.
     pub activity: String,
-    /// The points, prepared for the model.
-    pub clip: Clip,
-    /// The points by which activities are taught (`PreparedClip::moving` of `radarllm-inference`), if they are others.
-    pub moving: Option<Clip>,
-}
-
-impl LabelledRecording {
-    /// The points by which activities are taught and recognised.
-    pub fn moving(&self) -> &Clip {
-        self.moving.as_ref().unwrap_or(&self.clip)
-    }
+    /// The points, prepared for the model as `describe` prepares them.
+    pub clip: PreparedClip<'static>,
 }
 
 /// A recording and what was stated about it.
@@ -371,7 +362,7 @@ pub struct RecordingsReport {
 /// # Errors
 /// Whatever `recordings` yields; simulated points; an error of `describe`.
 pub fn evaluate_recordings<E: From<EvalError>>(
-    describe: impl Fn(&Clip) -> Result<Description, E>,
+    describe: impl Fn(&PreparedClip) -> Result<Description, E>,
     model: &str,
     config: &RecordingsConfig,
     role: Role,
@@ -405,7 +396,6 @@ fn described(
         name,
         activity,
         clip,
-        moving: _,
     } = recording;
     let abstained = description.abstained.is_some();
     row(

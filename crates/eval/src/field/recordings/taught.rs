@@ -1,7 +1,7 @@
 //! Are taught activities recognised, and only they?
 
 use radarllm_base::{Clip, seed::derive_seed};
-use radarllm_inference::Description;
+use radarllm_inference::{Description, PreparedClip};
 use radarllm_teach::{Memory, Recogniser};
 use serde::Serialize;
 
@@ -42,13 +42,13 @@ pub struct TaughtReport {
 /// Then each activity in turn is left out of the teaching, and its recordings are evaluated.
 ///
 /// `describe` describes a clip without a memory, once for each recording; `recognise` replaces what a description says
-/// about the times in which a taught activity is recognised in [`LabelledRecording::moving`]. Also returns the report of the
-/// last draw in which all activities were taught.
+/// about the times in which a taught activity is recognised in [`PreparedClip::moving`]. Also returns the report of the last
+/// draw in which all activities were taught.
 ///
 /// # Errors
 /// An activity without a sentence, no draws, simulated points, or an error of `describe`.
 pub fn evaluate_taught<E: From<EvalError>>(
-    describe: impl Fn(&Clip) -> Result<Description, E>,
+    describe: impl Fn(&PreparedClip) -> Result<Description, E>,
     recognise: impl Fn(&mut Description, &Clip, &Recogniser),
     model: &str,
     config: &RecordingsConfig,
@@ -80,7 +80,7 @@ pub fn evaluate_taught<E: From<EvalError>>(
             let rows = evaluated.map(|(recording, description)| {
                 let mut description = description.clone();
                 if let Some(recogniser) = &recogniser {
-                    recognise(&mut description, recording.moving(), recogniser);
+                    recognise(&mut description, recording.clip.moving(), recogniser);
                 }
                 described(config, recording, &description)
             });
@@ -127,7 +127,7 @@ fn memory<'a>(
             // A recording with too few points is refused by `teach`, and a user takes another one.
             let taught = n < n_examples
                 && memory
-                    .teach(&activity.name, says, recording.moving())
+                    .teach(&activity.name, says, recording.clip.moving())
                     .is_ok();
             if taught {
                 names.push(recording.name.as_str());

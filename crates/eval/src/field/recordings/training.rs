@@ -219,8 +219,14 @@ fn hash(clips: &[ClipRecord]) -> u64 {
 mod tests {
     use radarllm_base::{Clutter, Provenance, RadarPoint};
     use radarllm_dataset::{Columns, Dataset};
+    use radarllm_inference::{PrepareOptions, PreparedClip, prepare_for_model};
 
     use super::*;
+
+    fn prepared(clip: Clip) -> PreparedClip<'static> {
+        let prepared = prepare_for_model(clip, &PrepareOptions::default());
+        prepared.unwrap().clip
+    }
 
     fn recording(name: &str, n_frames: usize) -> LabelledRecording {
         let frame = |i: usize| PointFrame {
@@ -232,19 +238,19 @@ mod tests {
             }],
             board: None,
         };
+        let clip = Clip {
+            frames: (0..n_frames).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.2,
+            is_height_assumed: false,
+            radar: "board".into(),
+            provenance: Provenance::recorded("csv", name),
+            clutter: Clutter::Settled,
+        };
         LabelledRecording {
             name: name.into(),
             activity: "walk".into(),
-            clip: Clip {
-                frames: (0..n_frames).map(frame).collect(),
-                frame_rate_hz: 10.0,
-                radar_height_m: 1.2,
-                is_height_assumed: false,
-                radar: "board".into(),
-                provenance: Provenance::recorded("csv", name),
-                clutter: Clutter::Settled,
-            },
-            moving: None,
+            clip: prepared(clip),
         }
     }
 
@@ -331,10 +337,14 @@ mod tests {
             places(&[stretch(40, 145)]),
             [(40, 60), (60, 60), (80, 60), (40, 96)]
         );
-        let mut nobody = own.clone();
-        for frame in &mut nobody.clip.frames {
+        let mut empty = own.clip.clone().into_clip();
+        for frame in &mut empty.frames {
             frame.points.clear();
         }
+        let nobody = LabelledRecording {
+            clip: prepared(empty),
+            ..own
+        };
         assert_eq!(clips(&nobody, &[stretch(0, 200)]), []);
     }
 
