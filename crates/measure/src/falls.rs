@@ -353,6 +353,8 @@ pub fn falls_out_of_view(frames: &[PointFrame]) -> Vec<Fall> {
 fn drops_out_of_view(frames: &[PointFrame], t_s: f64) -> Option<Fall> {
     /// A frame at the time itself belongs to the absence.
     const BEFORE_S: f64 = 1e-3;
+    /// The absence begins at the time: somebody moved at the place until shortly before, s.
+    const RECENT_S: f64 = 0.3;
     let moves = |point: &&RadarPoint| point.velocity_mps != 0.0;
     let moving = |from_s: f64, to_s: f64| points_between(frames, from_s, to_s).filter(moves);
     let before: Vec<&RadarPoint> = moving(t_s - MOVING_S, t_s - BEFORE_S).collect();
@@ -367,7 +369,9 @@ fn drops_out_of_view(frames: &[PointFrame], t_s: f64) -> Option<Fall> {
         place_m = middle_of(&own)?;
     }
     let distance_m = place_m[0].hypot(place_m[1]);
-    if own.len() < VIEW_POINTS || distance_m < MIN_DISTANCE_M {
+    let mut recent = moving(t_s - RECENT_S, t_s - BEFORE_S);
+    let is_recent = recent.any(|point| is_at(point, place_m));
+    if own.len() < VIEW_POINTS || distance_m < MIN_DISTANCE_M || !is_recent {
         return None;
     }
     let strength_db = quantile_nearest(own.iter().map(|p| p.intensity_db), VIEW_STRENGTH)?;
