@@ -83,6 +83,16 @@ impl<'a> PreparedClip<'a> {
         self.clip.into_owned()
     }
 
+    /// The clip with what the board reported in its time, for a clip whose static points were removed elsewhere.
+    #[must_use]
+    pub fn with_reported(self, reported: Clip) -> Self {
+        let moving = self.parted.and_then(|parted| parted.moving);
+        Self {
+            parted: Some(Box::new(Parted { moving, reported })),
+            ..self
+        }
+    }
+
     /// A part of the clip: `n_frames` from a frame on, or as many as there are, with their times.
     pub fn part(&self, first: usize, n_frames: usize) -> PreparedClip<'static> {
         let within = |clip: &Clip| {

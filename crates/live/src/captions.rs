@@ -1,6 +1,9 @@
 //! The model as the pipeline uses it.
 
-use radarllm::{Captioner, Clip, DescribeOptions, Description, Segment, SiteLearner, is_general};
+use radarllm::{
+    Captioner, Clip, DescribeOptions, Description, Error, PreparedClip, Segment, SiteLearner,
+    is_general,
+};
 use radarllm_monitor::activities::actions_of;
 use radarllm_monitor::pipeline::{Describe, Described};
 
@@ -82,14 +85,23 @@ fn stated(description: &Description) -> Vec<String> {
 }
 
 impl Describe for Captions {
-    fn describe(&mut self, clip: &Clip) -> Described {
+    fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described {
         self.learn(clip);
         // Guesses about boards that the model did not learn are not shown.
         let options = DescribeOptions {
             guesses: false,
             ..DescribeOptions::default()
         };
-        match self.captioner.describe_with(clip, &options) {
+        let described = PreparedClip::of(clip)
+            .map_err(Error::wrap)
+            .and_then(|clip| {
+                let clip = match reported {
+                    Some(reported) => clip.with_reported(reported.clone()),
+                    None => clip,
+                };
+                self.captioner.describe_prepared(&clip, &options)
+            });
+        match described {
             Ok(description) => match description.abstained {
                 Some(reason) => Described::Abstained {
                     reason: reason.to_string(),
@@ -167,7 +179,7 @@ mod tests {
             provenance: Provenance::simulated("test", 0),
             clutter: Clutter::Settled,
         };
-        let described = Captions::new(Captioner::bundled().unwrap()).describe(&clip);
+        let described = Captions::new(Captioner::bundled().unwrap()).describe(&clip, None);
         assert!(
             matches!(&described, Described::Failed { error } if !error.is_empty()),
             "{described:?}"
@@ -208,7 +220,7 @@ mod tests {
     }
 
     fn caption(captions: &mut Captions, clip: &Clip) -> String {
-        match captions.describe(clip) {
+        match captions.describe(clip, None) {
             Described::Sentence { caption, .. } => caption,
             other => panic!("{other:?}"),
         }
@@ -227,7 +239,7 @@ mod tests {
         assert!(!before.contains("stands"), "{before}");
         let mut captions = Captions::new(Captioner::bundled().unwrap());
         for i in 0..12 {
-            captions.describe(&window(f64::from(i) * 2.0, walk));
+            captions.describe(&window(f64::from(i) * 2.0, walk), None);
         }
         let site = captions.captioner.site().unwrap();
         assert!((site.tilt_rad.to_degrees() - 12.0).abs() < 2.0, "{site:?}");
@@ -240,8 +252,55 @@ mod tests {
         let mut captions =
             Captions::new(Captioner::bundled().unwrap().with_site(Some(given.clone())));
         for i in 0..12 {
-            captions.describe(&window(f64::from(i) * 2.0, walk));
+            captions.describe(&window(f64::from(i) * 2.0, walk), None);
         }
         assert_eq!(captions.captioner.site(), Some(&given));
+    }
+
+    /// A board that sends points alone, among them those of what keeps still.
+    #[test]
+    fn a_fall_below_the_beam_is_stated_by_what_the_board_reports() {
+        let point = |y_m: f32, velocity_mps: f32, intensity_db: f32| RadarPoint {
+            y_m,
+            range_m: y_m,
+            velocity_mps,
+            intensity_db,
+            ..RadarPoint::default()
+        };
+        let frame = |i: u32, is_static: bool| {
+            let moving = if i < 40 { 3 } else { 0 };
+            let mut points = vec![point(1.2, 0.2, 40.0); moving];
+            if is_static {
+                points.push(point(3.0, 0.0, 15.0));
+            } else {
+                points.push(point(3.0, 0.1, 12.0));
+            }
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points,
+                board: None,
+            }
+        };
+        let clip = |is_static: bool| Clip {
+            frames: (0..60).map(|i| frame(i, is_static)).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            is_height_assumed: false,
+            radar: "unknown".into(),
+            provenance: "recorded:uart:x".parse().unwrap(),
+            clutter: Clutter::Settled,
+        };
+        let mut captions = Captions::new(Captioner::bundled().unwrap());
+        let mut stated = |reported: Option<&Clip>| match captions.describe(&clip(false), reported) {
+            Described::Sentence {
+                actions, measured, ..
+            } => (actions, measured),
+            other => panic!("{other:?}"),
+        };
+        let (actions, measured) = stated(Some(&clip(true)));
+        assert!(actions.contains(&"fall".to_string()), "{actions:?}");
+        assert!(measured.contains(&"fall".to_string()), "{measured:?}");
+        assert!(!stated(None).0.contains(&"fall".to_string()));
     }
 }

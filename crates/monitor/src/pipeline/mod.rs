@@ -24,6 +24,7 @@ pub mod surroundings;
 mod tests;
 pub mod windows;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -55,8 +56,9 @@ const HEALTH_S: f64 = 5.0;
 
 /// Writes a sentence about the points of a person.
 pub trait Describe: Send {
-    /// Describes a window of one person, without static clutter.
-    fn describe(&mut self, clip: &Clip) -> Described;
+    /// Describes a window of one person, without static clutter. `reported` are all points that the radar reported
+    /// meanwhile, static ones as well, if they may be this person's alone.
+    fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described;
 }
 
 /// What was written about a window.
@@ -171,6 +173,8 @@ pub struct Pipeline {
     watch: Watch,
     activities: Activities,
     windows: Windows,
+    /// What the radar reported in the time of a window, if static clutter may be among it.
+    reported: VecDeque<PointFrame>,
     pace: Pace,
     zones: Zones,
     describe: Box<dyn Describe>,
@@ -212,6 +216,7 @@ impl Pipeline {
             watch: Watch::new(&options.watch, stream.radar_height_m)?,
             activities: Activities::new(options.activities)?,
             windows: Windows::new(options.windows)?,
+            reported: VecDeque::new(),
             pace: Pace::new(options.windows.stride_s),
             zones: options.watch.zones.clone(),
             describe,
@@ -253,6 +258,9 @@ impl Pipeline {
             ..frame
         };
         frame.points.retain(|p| !p.is_leakage());
+        if self.stream.clutter == Clutter::Unchecked {
+            self.windows.keep(&mut self.reported, frame.clone());
+        }
         self.empty.clean(&mut frame);
         if self.counters.room_learnt.get().is_none()
             && let Some(summary) = self.empty.summary()
@@ -406,13 +414,16 @@ impl Pipeline {
 
     fn end_windows(&mut self) -> Vec<Output> {
         self.windows.clear();
+        self.reported.clear();
         self.is_untracked_present = false;
         let rows = self.activities.end_all();
         self.rows(&rows)
     }
 
     fn describe_people(&mut self, may_describe: bool, out: &mut Vec<Output>) {
-        for window in self.windows.take() {
+        let windows = self.windows.take();
+        let is_alone = windows.len() == 1;
+        for window in windows {
             if !self.zones.counts(window.place_m) {
                 continue;
             }
@@ -421,11 +432,11 @@ impl Pipeline {
                 self.counters.windows_overwritten.add(1);
                 continue;
             }
-            self.describe_person(window, out);
+            self.describe_person(window, is_alone, out);
         }
     }
 
-    fn describe_person(&mut self, window: Window, out: &mut Vec<Output>) {
+    fn describe_person(&mut self, window: Window, is_alone: bool, out: &mut Vec<Output>) {
         let (start_s, end_s, n_points) = (window.start_s(), window.end_s(), window.n_points());
         let clip = Clip {
             frames: window.frames,
@@ -437,7 +448,9 @@ impl Pipeline {
             clutter: Clutter::Settled,
         };
         let began = Instant::now();
-        let described = self.describe.describe(&clip);
+        let reported = (is_alone && !self.reported.is_empty())
+            .then(|| clip.with_frames(self.reported.iter().cloned().collect()));
+        let described = self.describe.describe(&clip, reported.as_ref());
         match &described {
             Described::Failed { error } => self.counters.model_failed(model_problem(error)),
             _ => self.counters.described(began.elapsed()),

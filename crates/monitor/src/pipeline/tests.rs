@@ -11,7 +11,7 @@ const START_MS: i64 = 1_795_455_492_000;
 struct ByHeight(Arc<Mutex<Vec<Clip>>>);
 
 impl Describe for ByHeight {
-    fn describe(&mut self, clip: &Clip) -> Described {
+    fn describe(&mut self, clip: &Clip, _: Option<&Clip>) -> Described {
         self.0.lock().unwrap().push(clip.clone());
         let heights = clip.frames.iter().flat_map(|f| &f.points).map(|p| p.z_m);
         let highest_m = heights.fold(f32::NEG_INFINITY, f32::max);
@@ -188,7 +188,7 @@ struct Falls {
 }
 
 impl Describe for Falls {
-    fn describe(&mut self, _: &Clip) -> Described {
+    fn describe(&mut self, _: &Clip, _: Option<&Clip>) -> Described {
         Described::Sentence {
             caption: "a person falls 2.0 m away".into(),
             actions: vec!["fall".into()],
@@ -223,7 +223,7 @@ fn a_measured_fall_is_suspected_whatever_the_heights_are() {
 struct SitsThenWalks;
 
 impl Describe for SitsThenWalks {
-    fn describe(&mut self, clip: &Clip) -> Described {
+    fn describe(&mut self, clip: &Clip, _: Option<&Clip>) -> Described {
         let end_s = clip.frames.last().map_or(0.0, |frame| frame.time_s);
         let (caption, action) = match end_s < 15.0 {
             true => ("a person sits", "sit_still"),
@@ -478,7 +478,7 @@ struct Recovering {
 }
 
 impl Describe for Recovering {
-    fn describe(&mut self, _: &Clip) -> Described {
+    fn describe(&mut self, _: &Clip, _: Option<&Clip>) -> Described {
         match self.n_failures.checked_sub(1) {
             Some(left) => {
                 self.n_failures = left;
@@ -529,4 +529,52 @@ fn a_model_that_fails_is_counted_and_reported_until_it_describes_again() {
     assert!(problems.iter().any(|p| *p == [failed]), "{problems:?}");
     assert!(problems.last().is_some_and(Vec::is_empty), "{problems:?}");
     assert_eq!(counters.model_problem.get(), None);
+}
+
+/// Remembers how many points the radar reported in the time of each window, and how many the window has.
+struct Reported(Arc<Mutex<Vec<(usize, Option<usize>)>>>);
+
+impl Describe for Reported {
+    fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described {
+        let times = |clip: &Clip| -> Vec<f64> { clip.frames.iter().map(|f| f.time_s).collect() };
+        assert!(reported.is_none_or(|reported| times(reported) == times(clip)));
+        let counts = (clip.n_points(), reported.map(Clip::n_points));
+        self.0.lock().unwrap().push(counts);
+        Described::Abstained {
+            reason: "nothing is said".into(),
+        }
+    }
+}
+
+#[test]
+fn windows_come_with_everything_that_the_radar_reported_if_that_may_be_clutter() {
+    for clutter in [Clutter::Settled, Clutter::Unchecked] {
+        let counts = Arc::default();
+        let info = StreamInfo {
+            clutter,
+            ..stream()
+        };
+        let describer = Reported(Arc::clone(&counts));
+        let options = PipelineOptions::default();
+        let mut pipeline =
+            Pipeline::new(info, &options, Box::new(describer), Arc::default()).unwrap();
+        for n in 0..300 {
+            let mut points = body(0.4 * (n as f32 * 0.05).sin(), 1.7);
+            // A wall.
+            points.extend((0..20).map(|i| RadarPoint {
+                x_m: 0.1 * i as f32 - 1.0,
+                y_m: 4.0,
+                range_m: 4.0,
+                ..RadarPoint::default()
+            }));
+            let frame = PointFrame { points, ..frame(n) };
+            pipeline.push_frame(frame, Arrival::Replayed(START_MS), true);
+        }
+        let counts = counts.lock().unwrap();
+        let (seen, reported) = counts.last().unwrap();
+        match clutter {
+            Clutter::Settled => assert_eq!((*seen, *reported), (60 * 32, None)),
+            Clutter::Unchecked => assert_eq!((*seen, *reported), (60 * 12, Some(60 * 32))),
+        }
+    }
 }

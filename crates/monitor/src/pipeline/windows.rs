@@ -131,7 +131,7 @@ impl Windows {
         people: &[PersonFrame],
         is_occupied: bool,
     ) -> TrackChanges {
-        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        let oldest_s = self.oldest_s(frame);
         keep(&mut self.room, frame.clone(), oldest_s);
         for person in people {
             let track = self.people.entry(person.person).or_default();
@@ -173,6 +173,17 @@ impl Windows {
             ended: ended.into_iter().map(|(id, _)| id).collect(),
             renamed,
         }
+    }
+
+    /// Adds a frame to others of the last seconds, and removes those before the window that ends with it.
+    pub fn keep(&self, frames: &mut VecDeque<PointFrame>, frame: PointFrame) {
+        let oldest_s = self.oldest_s(&frame);
+        keep(frames, frame, oldest_s);
+    }
+
+    /// The earliest time of the window that ends with a frame, s.
+    fn oldest_s(&self, frame: &PointFrame) -> f64 {
+        frame.time_s - self.options.window_s + ROUNDING_S
     }
 
     /// Removes points from the last seconds.
