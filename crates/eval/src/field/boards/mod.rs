@@ -418,11 +418,18 @@ impl BoardReport {
 impl BoardsReport {
     /// Mean over the boards that nothing was learned from, of the share that is described right.
     pub fn unknown_boards(&self) -> Option<f64> {
-        let shares: Vec<f64> = (self.boards.iter())
-            .filter(|b| !b.learned)
-            .filter_map(BoardReport::right)
-            .collect();
-        (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64)
+        self.mean_of_unknown(BoardReport::right)
+    }
+
+    /// Mean over the same boards of the expected calibration error.
+    pub fn calibration_error(&self) -> Option<f64> {
+        self.mean_of_unknown(|board| Some(board.calibration.as_ref()?.expected_error))
+    }
+
+    fn mean_of_unknown(&self, value: impl Fn(&BoardReport) -> Option<f64>) -> Option<f64> {
+        let boards = self.boards.iter().filter(|b| !b.learned);
+        let values: Vec<f64> = boards.filter_map(value).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     }
 }
 

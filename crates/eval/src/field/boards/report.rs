@@ -110,6 +110,9 @@ pub fn markdown(report: &BoardsReport) -> String {
             100.0 * mean
         );
     }
+    if let Some(error) = report.calibration_error() {
+        text += &format!("Mean of their calibration errors: {error:.3}\n\n");
+    }
     for table in [boards, presence, timelines, activities] {
         if !table.rows.is_empty() {
             text += &format!(
