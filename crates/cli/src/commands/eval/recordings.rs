@@ -60,6 +60,9 @@ pub(crate) struct EvalRecordingsArgs {
     /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
+    /// File of the site of these recordings, by `radarllm site`. Learned from each recording in which somebody walks otherwise.
+    #[arg(long, value_name = "FILE", conflicts_with = "proxy")]
+    pub site: Option<PathBuf>,
     /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
     #[arg(long, value_name = "N")]
     pub beam: Option<usize>,
@@ -89,7 +92,8 @@ pub(crate) fn run(args: &EvalRecordingsArgs) -> CliResult {
     let report = if args.proxy.is_empty() {
         let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
         let info = model::info(captioner.model(), DecoderName::F32)?;
-        let captioner = model::restricted(captioner, &args.choose)?;
+        let site = args.site.as_deref().map(radarllm::read_site).transpose()?;
+        let captioner = model::restricted(captioner.with_site(site), &args.choose)?;
         let name = captioner.name();
         let options = DescribeOptions {
             beam: args.beam,
