@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use glam::Vec3;
-use radarllm::{Clip, DescribeOptions, Performed, SimulateOptions, page_segments};
+use radarllm::{Clip, DescribeOptions, Performed, Segment, SimulateOptions, page_segments};
 use radarllm_base::MovingSurface;
 use radarllm_body::mesh::BodyShape;
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
@@ -33,6 +33,9 @@ pub(crate) struct ViewArgs {
     /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
+    /// File of the site, by `radarllm site`. Learned of the recording if somebody walks in it and this is omitted.
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
     /// How to read the input.
     #[command(flatten)]
     pub input: InputArgs,
@@ -84,7 +87,8 @@ pub(crate) fn run(args: &ViewArgs) -> CliResult {
         })
         .points()?;
     let (clip, _) = describe::prepared(&args.input_file, &recording, Detail::All)?;
-    let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
+    let site = args.site.as_deref().map(radarllm::read_site).transpose()?;
+    let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?.with_site(site);
     let row = describe::describe(
         &captioner,
         &args.input_file,
@@ -101,19 +105,26 @@ pub(crate) fn run(args: &ViewArgs) -> CliResult {
 
 /// Writes a figure of the points of a described clip over time, with its sentences.
 fn write_timeline(path: &Path, clip: &Clip, row: &Row) -> CliResult {
-    let said = row.segments.iter().map(|s| Span {
-        from: s.start_s,
-        to: s.end_s,
-        text: format!(
-            "{:.1}-{:.1} s: {} ({:.2})",
-            s.start_s, s.end_s, s.caption, s.confidence
-        ),
-    });
+    let span = |from: f64, to: f64, text: String| Span {
+        from,
+        to,
+        text: format!("{from:.1}-{to:.1} s: {text}"),
+    };
+    let of_segment = |s: &Segment| {
+        let text = format!("{} ({:.2})", s.caption, s.confidence);
+        span(s.start_s, s.end_s, text)
+    };
+    let mut said: Vec<Span> = row.segments.iter().map(of_segment).collect();
+    if let (true, Some(first), Some(last)) =
+        (said.is_empty(), clip.frames.first(), clip.frames.last())
+    {
+        said.push(span(first.time_s, last.time_s, row.caption.clone()));
+    }
     // The folders of a path would make the title wider than the figure.
     let source = Path::new(&row.source.source);
     let name = source.file_name().unwrap_or(source.as_os_str());
     let title = format!("{} ({})", name.to_string_lossy(), row.source.provenance);
-    let plot = timeline(&clip.frames, said.collect(), &title);
+    let plot = timeline(&clip.frames, said, &title);
     output::write_atomic(path, plot.to_svg().as_bytes())
 }
 

@@ -1,6 +1,8 @@
 //! Plots of radar points.
 
-use radarllm_base::{PointFrame, RadarPoint};
+use std::collections::BTreeMap;
+
+use radarllm_base::{BoardTrack, PointFrame, RadarPoint};
 
 use super::{
     axis::Axis,
@@ -39,6 +41,7 @@ pub fn point_cloud(points: &[RadarPoint], title: &str) -> ScatterPlot {
             x: label(axes[0]),
             y: label(axes[1]),
             points: placed.collect(),
+            lines: Vec::new(),
             aspect: Aspect::Equal,
         }
     };
@@ -51,12 +54,69 @@ pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
     over_time(frames, title, &[RANGE, ACROSS])
 }
 
-/// Range, x and z (above the radar) of points over time with what is said of them, coloured as in [`point_cloud`].
+/// Range, x and z (above the radar) of points over time with what is said of them, coloured as in [`point_cloud`]. Tracks of
+/// the board are lines. Leakage of the radar is not drawn, unless there is nothing else.
 pub fn timeline(frames: &[PointFrame], said: Vec<Span>, title: &str) -> ScatterPlot {
+    let received = |frame: &PointFrame| {
+        let points = frame.points.iter().filter(|p| !p.is_leakage());
+        frame.with_points(points.copied().collect())
+    };
+    let without_leakage: Vec<PointFrame> = frames.iter().map(received).collect();
+    let has_points = without_leakage.iter().any(|f| !f.points.is_empty());
+    let drawn = if has_points { &without_leakage } else { frames };
+    let mut plot = over_time(drawn, title, &[RANGE, ACROSS, UP]);
+    for (panel, value) in plot.panels.iter_mut().zip(OF_TRACK) {
+        panel.lines = tracks(frames, value);
+    }
     ScatterPlot {
         spans: said,
-        ..over_time(frames, title, &[RANGE, ACROSS, UP])
+        ..plot
     }
+}
+
+/// A coordinate of a track of the board, if it has one.
+type OfTrack = fn(&BoardTrack) -> Option<f32>;
+
+/// Range, x and z of a track of the board, in the order of the panels of a timeline.
+const OF_TRACK: [OfTrack; 3] = [
+    |t| {
+        Some(
+            t.place_m[0]
+                .hypot(t.place_m[1])
+                .hypot(t.height_m.unwrap_or(0.0)),
+        )
+    },
+    |t| Some(t.place_m[0]),
+    |t| t.height_m,
+];
+
+/// A line for each track of the board, and a new one after a time without it.
+fn tracks(frames: &[PointFrame], value: OfTrack) -> Vec<Vec<[f64; 2]>> {
+    /// Time without a track after which another line begins, s.
+    const GAP_S: f64 = 1.0;
+    let mut lines: Vec<Vec<[f64; 2]>> = Vec::new();
+    // Line and last time of each track.
+    let mut open: BTreeMap<u32, (usize, f64)> = BTreeMap::new();
+    for frame in frames {
+        for track in frame.board.iter().flat_map(|board| &board.tracks) {
+            let Some(value) = value(track) else {
+                continue;
+            };
+            let known = open.get(&track.id).copied();
+            let line = match known.filter(|(_, last_s)| frame.time_s - last_s <= GAP_S) {
+                Some((line, _)) => line,
+                None => {
+                    lines.push(Vec::new());
+                    lines.len() - 1
+                }
+            };
+            open.insert(track.id, (line, frame.time_s));
+            if let Some(line) = lines.get_mut(line) {
+                line.push([frame.time_s, f64::from(value)]);
+            }
+        }
+    }
+    lines
 }
 
 /// A coordinate of a point with its name.
@@ -78,6 +138,7 @@ fn over_time(frames: &[PointFrame], title: &str, coordinates: &[Coordinate]) -> 
             x: time,
             y: Axis::new(label, "m"),
             points: points.collect(),
+            lines: Vec::new(),
             aspect: Aspect::Fill,
         }
     };

@@ -8,7 +8,10 @@ use super::{
     png_texts,
     svg::{Anchor, INK, Stroke, Svg, text_width},
 };
-use crate::png_file::{self, Pixels};
+use crate::{
+    markup::coordinate,
+    png_file::{self, Pixels},
+};
 
 /// Height of a panel with [`Aspect::Fill`], pt.
 const HEIGHT_PT: f64 = 100.0;
@@ -21,6 +24,14 @@ const BORDER: Stroke = Stroke {
     width_pt: 0.5,
     dashes: "2 1.5",
 };
+/// Lines over the points.
+const LINE: Stroke = Stroke {
+    colour: INK,
+    width_pt: 0.8,
+    dashes: "",
+};
+/// Vertices of a line that are nearer to the last one, pt, are left out: a night has hundreds of thousands.
+const VERTEX_PT: f64 = 0.3;
 /// Maximum number of points drawn as vector shapes. More points become an embedded image.
 const MAX_VECTOR_POINTS: usize = 20_000;
 /// Resolution of the image, pixels per point on paper: 288 dpi.
@@ -43,6 +54,8 @@ pub struct ScatterPanel {
     pub y: Axis,
     /// Horizontal value, vertical value and colour value of each point. Points without a finite position are omitted.
     pub points: Vec<[f64; 3]>,
+    /// Lines over the points: horizontal and vertical values. For SVG only.
+    pub lines: Vec<Vec<[f64; 2]>>,
     /// Relation between the scales of the axes.
     pub aspect: Aspect,
 }
@@ -103,6 +116,7 @@ impl ScatterPlot {
             let points = self.placed_points(index, placed, &colours);
             if n_points <= MAX_VECTOR_POINTS {
                 draw_discs(svg, &points, self.colours);
+                self.draw_lines(svg, index, placed);
                 self.draw_spans(svg, index, placed);
                 return;
             }
@@ -115,8 +129,30 @@ impl ScatterPlot {
             if let Ok(png) = png_file::encode(width, height, &pixels, &[]) {
                 svg.image(placed.area, &png);
             }
+            self.draw_lines(svg, index, placed);
             self.draw_spans(svg, index, placed);
         })
+    }
+
+    /// Draws the lines of a panel.
+    fn draw_lines(&self, svg: &mut Svg, index: usize, placed: &Placed) {
+        let lines = self.panels.get(index).into_iter().flat_map(|p| &p.lines);
+        for line in lines {
+            let mut commands = String::new();
+            let mut last: Option<[f64; 2]> = None;
+            for [x, y] in line.iter().map(|[x, y]| placed.at(*x, *y)) {
+                let is_near = |[a, b]: [f64; 2]| (x - a).hypot(y - b) < VERTEX_PT;
+                if !(x.is_finite() && y.is_finite()) || last.is_some_and(is_near) {
+                    continue;
+                }
+                commands += if last.is_none() { "M" } else { "L" };
+                commands += &format!("{} {}", coordinate(x), coordinate(y));
+                last = Some([x, y]);
+            }
+            if !commands.is_empty() {
+                svg.path(&commands, LINE);
+            }
+        }
     }
 
     /// Draws a line between every two spans, and into the first panel their numbers, as far as they are wide enough.
@@ -183,13 +219,16 @@ impl ScatterPlot {
 
     fn figure(&self) -> Figure<'_> {
         let panels = self.panels.iter().map(|panel| {
-            let axis =
-                |axis, i: usize| Scale::new(axis, panel.points.iter().map(|p| p[i]), PADDING);
+            let axis = |axis, i: usize| {
+                let of_points = panel.points.iter().map(|p| p[i]);
+                let of_lines = panel.lines.iter().flatten().map(|p| p[i]);
+                Scale::new(axis, of_points.chain(of_lines), PADDING)
+            };
             let (x, y) = (axis(&panel.x, 0), axis(&panel.y, 1));
             let is_drawn = |p: &[f64; 3]| (x.fraction(p[0]) + y.fraction(p[1])).is_finite();
             Panel {
                 heading: &panel.heading,
-                is_empty: !panel.points.iter().any(is_drawn),
+                is_empty: !panel.points.iter().any(is_drawn) && panel.lines.is_empty(),
                 x,
                 y,
                 x_axis: &panel.x,

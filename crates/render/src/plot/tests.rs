@@ -3,7 +3,7 @@
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use proptest::prelude::*;
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{BoardReport, BoardTrack, PointFrame, RadarPoint};
 
 use super::*;
 
@@ -286,6 +286,49 @@ fn a_timeline_parts_numbers_and_lists_what_is_said() {
         .iter()
         .filter(|e| !e.attribute("stroke-dasharray").is_empty());
     assert_eq!(borders.count(), 6);
+}
+
+#[test]
+fn a_timeline_draws_tracks_of_the_board_as_lines_and_no_leakage() {
+    let frame = |i: u32| {
+        let track = |id: u32, height_m: Option<f32>| BoardTrack {
+            id,
+            place_m: [0.5, 2.0],
+            height_m,
+            velocity_mps: [0.0; 3],
+        };
+        // Track 1 is missed for 2 s; track 2 has no height.
+        let mut tracks = vec![track(2, None)];
+        if !(10..30).contains(&i) {
+            tracks.push(track(1, Some(0.3)));
+        }
+        PointFrame {
+            time_s: f64::from(i) / 10.0,
+            points: vec![point(0.1, 0.1), point(0.2, 3.0)],
+            board: Some(BoardReport {
+                tracks,
+                is_present: None,
+            }),
+            ..PointFrame::default()
+        }
+    };
+    let frames: Vec<PointFrame> = (0..50).map(frame).collect();
+    let plot = timeline(&frames, Vec::new(), "t");
+    assert!(plot.panels.iter().all(|p| p.points.len() == 50));
+    let lengths =
+        |panel: usize| -> Vec<usize> { plot.panels[panel].lines.iter().map(Vec::len).collect() };
+    assert_eq!((lengths(0), lengths(2)), (vec![50, 10, 20], vec![10, 20]));
+    let drawn = elements(&plot.to_svg());
+    let lines = drawn
+        .iter()
+        .filter(|e| e.attribute("stroke-width") == "0.8");
+    assert_eq!(lines.count(), 8);
+    // Where there is nothing but leakage, it is drawn.
+    let near: Vec<PointFrame> = frames
+        .iter()
+        .map(|f| f.with_points(vec![point(0.1, 0.1)]))
+        .collect();
+    assert_eq!(timeline(&near, Vec::new(), "t").panels[0].points.len(), 50);
 }
 
 #[test]

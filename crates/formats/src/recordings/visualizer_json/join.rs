@@ -381,7 +381,6 @@ fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool
                 .iter()
                 .map(|t| as_f32(raised(t.position_m.map(f64::from)))),
         ),
-        position,
     );
     let of_point = |p: &RadarPoint| [p.x_m, p.y_m, p.z_m];
     let by_points = || {
@@ -394,7 +393,6 @@ fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool
                     .iter()
                     .map(|p| as_f32(raised(of_point(p).map(f64::from)))),
             ),
-            position,
         )
     };
     let is_raw = by_tracks.or_else(by_points).unwrap_or(false);
@@ -415,15 +413,10 @@ fn as_f32(xyz: [f64; 3]) -> [f32; 3] {
 }
 
 /// Whether stored heights agree worse with those known before than the raised ones; `None` if one is not known.
-fn is_raw(
-    known: Option<f64>,
-    stored: Option<f64>,
-    raised: Option<f64>,
-    position: &SensorPosition,
-) -> Option<bool> {
+fn is_raw(known: Option<f64>, stored: Option<f64>, raised: Option<f64>) -> Option<bool> {
     let (known, stored, raised) = (known?, stored?, raised?);
-    // Half of the height is the margin, because people move far less between two frames.
-    Some((raised - known).abs() + 0.5 * position.height_m.abs() < (stored - known).abs())
+    // Half of what turning and raising changes is the margin: far away, turning lowers by nearly as much as raising raises.
+    Some((raised - known).abs() + 0.5 * (raised - stored).abs() < (stored - known).abs())
 }
 
 fn median_z(positions: impl Iterator<Item = [f32; 3]>) -> Option<f64> {
