@@ -290,6 +290,10 @@ fn a_timeline_parts_numbers_and_lists_what_is_said() {
 
 #[test]
 fn a_timeline_draws_tracks_of_the_board_as_lines_and_no_leakage() {
+    let near = || RadarPoint {
+        y_m: 0.2,
+        ..point(0.1, 1.0)
+    };
     let frame = |i: u32| {
         let track = |id: u32, height_m: Option<f32>| BoardTrack {
             id,
@@ -304,7 +308,7 @@ fn a_timeline_draws_tracks_of_the_board_as_lines_and_no_leakage() {
         }
         PointFrame {
             time_s: f64::from(i) / 10.0,
-            points: vec![point(0.1, 0.1), point(0.2, 3.0)],
+            points: vec![near(), point(0.2, 3.0)],
             board: Some(BoardReport {
                 tracks,
                 is_present: None,
@@ -324,10 +328,7 @@ fn a_timeline_draws_tracks_of_the_board_as_lines_and_no_leakage() {
         .filter(|e| e.attribute("stroke-width") == "0.8");
     assert_eq!(lines.count(), 8);
     // Where there is nothing but leakage, it is drawn.
-    let near: Vec<PointFrame> = frames
-        .iter()
-        .map(|f| f.with_points(vec![point(0.1, 0.1)]))
-        .collect();
+    let near: Vec<PointFrame> = frames.iter().map(|f| f.with_points(vec![near()])).collect();
     assert_eq!(timeline(&near, Vec::new(), "t").panels[0].points.len(), 50);
 }
 
