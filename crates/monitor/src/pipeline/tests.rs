@@ -531,8 +531,11 @@ fn a_model_that_fails_is_counted_and_reported_until_it_describes_again() {
     assert_eq!(counters.model_problem.get(), None);
 }
 
-/// Remembers how many points the radar reported in the time of each window, and how many the window has.
-struct Reported(Arc<Mutex<Vec<(usize, Option<usize>)>>>);
+/// How many points a window has, and how many the radar reported in its time.
+type Counts = (usize, Option<usize>);
+
+/// Remembers the counts of each window.
+struct Reported(Arc<Mutex<Vec<Counts>>>);
 
 impl Describe for Reported {
     fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described {
