@@ -85,7 +85,7 @@ fn stated(description: &Description) -> Vec<String> {
 }
 
 impl Describe for Captions {
-    fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described {
+    fn describe(&mut self, clip: &Clip, reported: Option<Clip>) -> Described {
         self.learn(clip);
         // Guesses about boards that the model did not learn are not shown.
         let options = DescribeOptions {
@@ -96,7 +96,7 @@ impl Describe for Captions {
             .map_err(Error::wrap)
             .and_then(|clip| {
                 let clip = match reported {
-                    Some(reported) => clip.with_reported(reported.clone()),
+                    Some(reported) => clip.with_reported(reported),
                     None => clip,
                 };
                 self.captioner.describe_prepared(&clip, &options)
@@ -292,13 +292,13 @@ mod tests {
             clutter: Clutter::Settled,
         };
         let mut captions = Captions::new(Captioner::bundled().unwrap());
-        let mut stated = |reported: Option<&Clip>| match captions.describe(&clip(false), reported) {
+        let mut stated = |reported: Option<Clip>| match captions.describe(&clip(false), reported) {
             Described::Sentence {
                 actions, measured, ..
             } => (actions, measured),
             other => panic!("{other:?}"),
         };
-        let (actions, measured) = stated(Some(&clip(true)));
+        let (actions, measured) = stated(Some(clip(true)));
         assert!(actions.contains(&"fall".to_string()), "{actions:?}");
         assert!(measured.contains(&"fall".to_string()), "{measured:?}");
         assert!(!stated(None).0.contains(&"fall".to_string()));

@@ -26,7 +26,7 @@ const HEIGHT_M: f64 = 1.0;
 struct Silent;
 
 impl Describe for Silent {
-    fn describe(&mut self, _: &Clip, _: Option<&Clip>) -> Described {
+    fn describe(&mut self, _: &Clip, _: Option<Clip>) -> Described {
         Described::Abstained {
             reason: "a test".into(),
         }

@@ -70,7 +70,7 @@ const VIEW_SHIFT_M: f32 = 0.5;
 const VIEW_STATIC: f32 = 0.5;
 /// How sure such a fall is at most: one board showed falls this way, of one person.
 const VIEW_PROBABILITY: f32 = 0.9;
-/// Shorter recordings are whole events, s; in longer ones the second before the movement must be known.
+/// Shorter recordings are whole events, s; in longer ones the time before a fall must be known.
 const EVENT_S: f64 = 5.0;
 
 /// A fall.
@@ -96,8 +96,6 @@ fn standing_m(person: &TrackedPerson, t_s: f64, site: &Site) -> Option<f32> {
     /// The upper end may be that of a track that jumped up for a moment: from a time on, s, it is limited to this far above
     /// the median, m, which is the way from a seat.
     const LONG_S: f64 = 2.5;
-    /// Shorter recordings of a person are whole events, s; in longer ones the time before counts.
-    const WINDOW_S: f64 = 5.0;
     const FROM_SEAT_M: f32 = 0.3;
     if !site.is_height_assumed {
         return Some(site.standing_m);
@@ -105,7 +103,7 @@ fn standing_m(person: &TrackedPerson, t_s: f64, site: &Site) -> Option<f32> {
     let before = person.between(t_s - OWN_HEIGHT_S, t_s);
     // A window of a longer recording may begin with the jump.
     let is_cut = before.first().is_none_or(|first| t_s - first.t_s < LONG_S);
-    if is_cut && person.length_s() >= WINDOW_S {
+    if is_cut && person.length_s() >= EVENT_S {
         return None;
     }
     let height_m = |share| quantile_nearest(before.iter().filter_map(|s| s.height_m), share);
@@ -292,10 +290,7 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
         if fallen_m < POOL_FALL_M || !is_left {
             continue;
         }
-        let place_of = |points: &[RadarPoint]| {
-            let points: Vec<&RadarPoint> = points.iter().collect();
-            middle_of(&points).unwrap_or_default()
-        };
+        let place_of = |points: &[RadarPoint]| middle_of(points.iter()).unwrap_or_default();
         let [from_m, place_m] = [place_of(&before), place_of(&after)];
         let shift_m = (from_m[0] - place_m[0]).hypot(from_m[1] - place_m[1]);
         let is_near = place_m[0].hypot(place_m[1]) < MIN_DISTANCE_M;
@@ -361,12 +356,12 @@ fn drops_out_of_view(frames: &[PointFrame], t_s: f64) -> Option<Fall> {
     if before.len() < VIEW_POINTS {
         return None;
     }
-    let mut place_m = middle_of(&before)?;
+    let mut place_m = middle_of(before.iter().copied())?;
     // What moves elsewhere draws the middle away from the place.
     let mut own = before;
     for _ in 0..3 {
         own.retain(|point| is_at(point, place_m));
-        place_m = middle_of(&own)?;
+        place_m = middle_of(own.iter().copied())?;
     }
     let distance_m = place_m[0].hypot(place_m[1]);
     let mut recent = moving(t_s - RECENT_S, t_s - BEFORE_S);
@@ -392,7 +387,7 @@ fn drops_out_of_view(frames: &[PointFrame], t_s: f64) -> Option<Fall> {
     let earlier: Vec<&RadarPoint> =
         moving(t_s - 2.0 * MOVING_S, t_s - MOVING_S - BEFORE_S).collect();
     let has_come = earlier.len() >= POOL_POINTS
-        && middle_of(&earlier).is_some_and(|earlier_m| {
+        && middle_of(earlier.iter().copied()).is_some_and(|earlier_m| {
             (earlier_m[0] - place_m[0]).hypot(earlier_m[1] - place_m[1]) > VIEW_SHIFT_M
         });
     // Who walks out of view becomes fewer points.
@@ -413,9 +408,8 @@ fn room_is_seen(frames: &[PointFrame], t_s: f64) -> bool {
 }
 
 /// The middle of points on the floor, m.
-fn middle_of(points: &[&RadarPoint]) -> Option<[f32; 2]> {
-    let middle =
-        |axis: fn(&RadarPoint) -> f32| quantile_nearest(points.iter().map(|p| axis(p)), 0.5);
+fn middle_of<'a>(points: impl Iterator<Item = &'a RadarPoint> + Clone) -> Option<[f32; 2]> {
+    let middle = |axis: fn(&RadarPoint) -> f32| quantile_nearest(points.clone().map(axis), 0.5);
     Some([middle(|p| p.x_m)?, middle(|p| p.y_m)?])
 }
 

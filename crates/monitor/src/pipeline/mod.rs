@@ -24,7 +24,6 @@ pub mod surroundings;
 mod tests;
 pub mod windows;
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -58,7 +57,7 @@ const HEALTH_S: f64 = 5.0;
 pub trait Describe: Send {
     /// Describes a window of one person, without static clutter. `reported` are all points that the radar reported
     /// meanwhile, static ones as well, if they may be this person's alone.
-    fn describe(&mut self, clip: &Clip, reported: Option<&Clip>) -> Described;
+    fn describe(&mut self, clip: &Clip, reported: Option<Clip>) -> Described;
 }
 
 /// What was written about a window.
@@ -173,8 +172,6 @@ pub struct Pipeline {
     watch: Watch,
     activities: Activities,
     windows: Windows,
-    /// What the radar reported in the time of a window, if static clutter may be among it.
-    reported: VecDeque<PointFrame>,
     pace: Pace,
     zones: Zones,
     describe: Box<dyn Describe>,
@@ -216,7 +213,6 @@ impl Pipeline {
             watch: Watch::new(&options.watch, stream.radar_height_m)?,
             activities: Activities::new(options.activities)?,
             windows: Windows::new(options.windows)?,
-            reported: VecDeque::new(),
             pace: Pace::new(options.windows.stride_s),
             zones: options.watch.zones.clone(),
             describe,
@@ -259,7 +255,8 @@ impl Pipeline {
         };
         frame.points.retain(|p| !p.is_leakage());
         if self.stream.clutter == Clutter::Unchecked {
-            self.windows.keep(&mut self.reported, frame.clone());
+            // Also what the empty room showed: it tells that the room is seen.
+            self.windows.report(frame.clone());
         }
         self.empty.clean(&mut frame);
         if self.counters.room_learnt.get().is_none()
@@ -414,7 +411,6 @@ impl Pipeline {
 
     fn end_windows(&mut self) -> Vec<Output> {
         self.windows.clear();
-        self.reported.clear();
         self.is_untracked_present = false;
         let rows = self.activities.end_all();
         self.rows(&rows)
@@ -448,9 +444,9 @@ impl Pipeline {
             clutter: Clutter::Settled,
         };
         let began = Instant::now();
-        let reported = (is_alone && !self.reported.is_empty())
-            .then(|| clip.with_frames(self.reported.iter().cloned().collect()));
-        let described = self.describe.describe(&clip, reported.as_ref());
+        let reported = self.windows.reported().filter(|_| is_alone);
+        let reported = reported.map(|frames| clip.with_frames(frames));
+        let described = self.describe.describe(&clip, reported);
         match &described {
             Described::Failed { error } => self.counters.model_failed(model_problem(error)),
             _ => self.counters.described(began.elapsed()),

@@ -81,6 +81,8 @@ pub struct Windows {
     people: BTreeMap<u32, Track>,
     /// All points of the last seconds.
     room: VecDeque<PointFrame>,
+    /// What the radar reported in this time, static points as well; empty if there is no static clutter.
+    reported: VecDeque<PointFrame>,
     /// Whoever is not tracked any more, but has not left: number of the track, and where it ended.
     lingering: Option<(u32, [f64; 2])>,
     /// Whether somebody has been there for long enough for a window.
@@ -116,6 +118,7 @@ impl Windows {
             options,
             people: BTreeMap::new(),
             room: VecDeque::new(),
+            reported: VecDeque::new(),
             lingering: None,
             is_settled: false,
             stride: None,
@@ -131,7 +134,7 @@ impl Windows {
         people: &[PersonFrame],
         is_occupied: bool,
     ) -> TrackChanges {
-        let oldest_s = self.oldest_s(frame);
+        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
         keep(&mut self.room, frame.clone(), oldest_s);
         for person in people {
             let track = self.people.entry(person.person).or_default();
@@ -175,15 +178,15 @@ impl Windows {
         }
     }
 
-    /// Adds a frame to others of the last seconds, and removes those before the window that ends with it.
-    pub fn keep(&self, frames: &mut VecDeque<PointFrame>, frame: PointFrame) {
-        let oldest_s = self.oldest_s(&frame);
-        keep(frames, frame, oldest_s);
+    /// Everything that the radar reported in the next frame, before it is pushed.
+    pub fn report(&mut self, frame: PointFrame) {
+        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        keep(&mut self.reported, frame, oldest_s);
     }
 
-    /// The earliest time of the window that ends with a frame, s.
-    fn oldest_s(&self, frame: &PointFrame) -> f64 {
-        frame.time_s - self.options.window_s + ROUNDING_S
+    /// What the radar reported in the time of the windows that end with the last frame, if that is kept.
+    pub fn reported(&self) -> Option<Vec<PointFrame>> {
+        (!self.reported.is_empty()).then(|| self.reported.iter().cloned().collect())
     }
 
     /// Removes points from the last seconds.
@@ -267,6 +270,7 @@ impl Windows {
     pub fn clear(&mut self) {
         self.people.clear();
         self.room.clear();
+        self.reported.clear();
         self.lingering = None;
         self.is_settled = false;
         self.is_partly_new = false;
