@@ -33,7 +33,7 @@ pub(crate) struct ViewArgs {
     /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// File of the site, by `radarllm site`. Learned of the recording if somebody walks in it and this is omitted.
+    /// File of the site, by `radarllm site`. Learned from the recording if somebody walks in it and no file is named.
     #[arg(long, value_name = "FILE")]
     pub site: Option<PathBuf>,
     /// How to read the input.

@@ -60,7 +60,7 @@ pub(crate) struct EvalRecordingsArgs {
     /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// File of the site of these recordings, by `radarllm site`. Learned from each recording in which somebody walks otherwise.
+    /// File of the site of these recordings, by `radarllm site`. Learned from each recording in which somebody walks if omitted.
     #[arg(long, value_name = "FILE", conflicts_with = "proxy")]
     pub site: Option<PathBuf>,
     /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
