@@ -373,6 +373,7 @@ fn about(input: &Input, model: &str, options: &LiveOptions) -> About {
         name: zone.name.clone(),
         kind: kind_name(zone.kind).into(),
         polygon_m: zone.polygon_m.clone(),
+        below_m: zone.below_m,
     };
     About {
         name: options.name.clone(),

@@ -19,6 +19,7 @@ struct ZoneEntry {
     name: String,
     kind: Kind,
     polygon_m: Vec<[f64; 2]>,
+    below_m: Option<f64>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -30,8 +31,8 @@ enum Kind {
     Bed,
 }
 
-/// Reads zones: `[[zone]]` with `name`, `kind` (`room`, `ignore`, `door` or `bed`) and `polygon_m` (corners to the right of the
-/// radar and away from it, m).
+/// Reads zones: `[[zone]]` with `name`, `kind` (`room`, `ignore`, `door` or `bed`), `polygon_m` (corners to the right of the
+/// radar and away from it, m) and, for the kind `ignore`, `below_m` (height above the floor below which it ignores, m).
 ///
 /// ```
 /// let text = "[[zone]]\nname = 'hall'\nkind = 'door'\npolygon_m = [[1, 4], [2, 4], [2, 5]]\n";
@@ -53,6 +54,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Zones> {
             Kind::Bed => ZoneKind::Bed,
         },
         polygon_m: entry.polygon_m,
+        below_m: entry.below_m,
     };
     Zones::new(file.zone.into_iter().map(zone).collect()).map_err(|e| Error::wrap_in_file(path, e))
 }

@@ -31,5 +31,6 @@ pub mod points;
 pub mod presence;
 pub mod queue;
 pub mod rows;
+mod statures;
 pub mod watch;
 pub mod zones;

@@ -115,10 +115,13 @@ pub struct About {
 pub struct Zone {
     /// Name, for example `bed`.
     pub name: String,
-    /// Kind: `room`, `ignore` or `door`.
+    /// Kind: `room`, `ignore`, `door` or `bed`.
     pub kind: String,
     /// Corners: right of the radar and away from it, m.
     pub polygon_m: Vec<[f64; 2]>,
+    /// Height above the floor below which an ignored zone ignores, m; absent if it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_m: Option<f64>,
 }
 
 /// The state of everything.

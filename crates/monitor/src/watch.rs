@@ -10,6 +10,7 @@ use crate::falls::{EarlierFall, Fall, FallEvent, FallMonitor, FallOptions};
 use crate::options::OptionError;
 use crate::people::PersonFrame;
 use crate::presence::{Fallen, PresenceMonitor, PresenceOptions, PresenceUpdate};
+use crate::statures::Statures;
 use crate::zones::Zones;
 
 /// Options of tracker, presence and falls.
@@ -28,10 +29,12 @@ pub struct WatchOptions {
 /// What was seen in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seen {
-    /// Confirmed tracks.
+    /// Confirmed tracks of people.
     pub tracks: Vec<LiveTrack>,
     /// The people of these tracks, with their points.
     pub people: Vec<PersonFrame>,
+    /// Indices of the points of whoever a zone ignores because of the height, in ascending order.
+    pub low_points: Vec<u32>,
     /// Whether somebody is there.
     pub presence: PresenceUpdate,
     /// Falls that began, were confirmed or ended.
@@ -46,6 +49,9 @@ pub struct Watch {
     board: BoardPeople,
     /// Largest number of a person of the tracker.
     numbered: u32,
+    /// If zones have heights.
+    statures: Option<Statures>,
+    zones: Zones,
     presence: PresenceMonitor,
     falls: FallMonitor,
 }
@@ -61,6 +67,8 @@ impl Watch {
             tracker: Tracker::new(options.track)?,
             board: BoardPeople::default(),
             numbered: 0,
+            statures: zones.have_heights().then(|| Statures::new(radar_height_m)),
+            zones: zones.clone(),
             presence: PresenceMonitor::new(options.presence, zones.clone())?,
             falls: FallMonitor::new(options.falls, radar_height_m, zones.clone())?,
         })
@@ -69,7 +77,7 @@ impl Watch {
     /// The next frame, without static points of the room.
     pub fn push(&mut self, frame: &PointFrame) -> Seen {
         let t_s = frame.time_s;
-        let tracks = match &frame.board {
+        let mut tracks = match &frame.board {
             Some(report) => self.board.push(frame, report, self.numbered),
             None => self.tracker.push(frame),
         };
@@ -83,11 +91,12 @@ impl Watch {
                 .find(|board| board.place_m.map(f64::from) == track.place_m)
                 .copied(),
         };
-        let people: Vec<PersonFrame> = tracks.iter().map(person).collect();
+        let mut people: Vec<PersonFrame> = tracks.iter().map(person).collect();
         if frame.board.is_none() {
             let newest = tracks.iter().map(|track| track.id).max();
             self.numbered = self.numbered.max(newest.unwrap_or(0));
         }
+        let low_points = self.remove_low(t_s, &mut tracks, &mut people);
         self.presence.hold(self.fallen());
         let mut presence = self.presence.push(t_s, &people);
         let falls = self.falls.push(t_s, &people, &presence.left);
@@ -96,9 +105,33 @@ impl Watch {
         Seen {
             tracks,
             people,
+            low_points,
             presence,
             falls,
         }
+    }
+
+    /// Removes whoever a zone ignores because of the height. Returns the indices of their points.
+    fn remove_low(
+        &mut self,
+        t_s: f64,
+        tracks: &mut Vec<LiveTrack>,
+        people: &mut Vec<PersonFrame>,
+    ) -> Vec<u32> {
+        let Some(statures) = &mut self.statures else {
+            return Vec::new();
+        };
+        statures.push(t_s, people);
+        let mut low_points = Vec::new();
+        people.retain(|one| {
+            let is_low = statures.is_low(one, &self.zones);
+            if is_low && let Some(at) = tracks.iter().position(|track| track.id == one.person) {
+                low_points.extend(tracks.remove(at).points);
+            }
+            !is_low
+        });
+        low_points.sort_unstable();
+        low_points
     }
 
     /// Who lies on the floor is hardly detected, but is there.

@@ -8,6 +8,8 @@ pub const MAX_ZONES: usize = 64;
 pub const MAX_CORNERS: usize = 256;
 /// Largest coordinate of a corner, m.
 pub const MAX_CORNER_M: f64 = 1_000.0;
+/// Smallest and largest height below which a zone ignores what moves, m.
+pub const BELOW_M: [f64; 2] = [0.05, 2.0];
 /// Longest name, bytes.
 pub const MAX_NAME_BYTES: usize = 100;
 /// Smallest area of a zone, m².
@@ -19,7 +21,8 @@ const MIN_AREA_M2: f64 = 1e-4;
 pub enum ZoneKind {
     /// People count here. If a room is given, nobody counts outside of rooms and doors.
     Room,
-    /// Nobody counts here, for example at a fan or a curtain. This has precedence over the other kinds.
+    /// Nobody counts here, for example at a fan or a curtain; with a height ([`Zone::below_m`]), nobody who was never higher,
+    /// such as pets and robot vacuums. This has precedence over the other kinds.
     Ignore,
     /// People leave here. People count here, too.
     Door,
@@ -37,6 +40,10 @@ pub struct Zone {
     pub kind: ZoneKind,
     /// Corners, m, to the right of the radar and away from it. The last one is joined to the first one.
     pub polygon_m: Vec<[f64; 2]>,
+    /// Of an ignored zone: height above the floor, m, below which it ignores. Whoever was higher anywhere counts here, also
+    /// lying on the floor. `None`: nobody counts, at any height.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_m: Option<f64>,
 }
 
 /// What is wrong with zones.
@@ -72,6 +79,24 @@ pub enum ZoneError {
         /// Number of the corner, from 1.
         corner: usize,
     },
+    /// A height of a zone that is not of the kind [`ZoneKind::Ignore`].
+    #[error("zone `{name}`: `below_m` belongs to zones of the kind `ignore`")]
+    HeightOfKind {
+        /// Name of the zone.
+        name: String,
+    },
+    /// A height that is no number or outside of [`BELOW_M`].
+    #[error(
+        "zone `{name}`: `below_m` is {found}, expected {} to {} m above the floor",
+        BELOW_M[0],
+        BELOW_M[1]
+    )]
+    Height {
+        /// Name of the zone.
+        name: String,
+        /// What was found.
+        found: f64,
+    },
     /// Corners on a line.
     #[error("zone `{name}`: its corners enclose no area")]
     NoArea {
@@ -106,7 +131,8 @@ impl Zones {
 
     /// Whether a person at a place counts.
     pub fn counts(&self, place_m: [f64; 2]) -> bool {
-        if !place_m.iter().all(|v| v.is_finite()) || self.is_in(ZoneKind::Ignore, place_m) {
+        let mut ignored = self.ignoring(place_m);
+        if !place_m.iter().all(|v| v.is_finite()) || ignored.any(|zone| zone.below_m.is_none()) {
             return false;
         }
         let has_room = self.0.iter().any(|z| z.kind == ZoneKind::Room);
@@ -114,6 +140,22 @@ impl Zones {
             || [ZoneKind::Room, ZoneKind::Door, ZoneKind::Bed]
                 .into_iter()
                 .any(|kind| self.is_in(kind, place_m))
+    }
+
+    /// Whether whoever was never higher than this above the floor, m, is no person at a place: a pet or a robot vacuum.
+    pub fn is_low(&self, place_m: [f64; 2], highest_m: f64) -> bool {
+        let mut heights_m = self.ignoring(place_m).filter_map(|zone| zone.below_m);
+        heights_m.any(|below_m| highest_m < below_m)
+    }
+
+    /// Whether a zone has a height, so that heights decide who counts.
+    pub fn have_heights(&self) -> bool {
+        self.0.iter().any(|zone| zone.below_m.is_some())
+    }
+
+    fn ignoring(&self, place_m: [f64; 2]) -> impl Iterator<Item = &Zone> {
+        let ignored = self.0.iter().filter(|z| z.kind == ZoneKind::Ignore);
+        ignored.filter(move |zone| zone.contains(place_m))
     }
 
     /// Whether a place is in a door.
@@ -171,6 +213,17 @@ impl Zone {
                 corner: i + 1,
             });
         }
+        if let Some(found) = self.below_m {
+            if self.kind != ZoneKind::Ignore {
+                return Err(ZoneError::HeightOfKind { name: name() });
+            }
+            if !(BELOW_M[0]..=BELOW_M[1]).contains(&found) {
+                return Err(ZoneError::Height {
+                    name: name(),
+                    found,
+                });
+            }
+        }
         let twice_m2: f64 = self.edges().map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum();
         match twice_m2.abs() >= 2.0 * MIN_AREA_M2 {
             true => Ok(()),
@@ -189,6 +242,7 @@ pub(crate) mod tests {
             name: format!("{kind:?}"),
             kind,
             polygon_m: vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]],
+            below_m: None,
         }
     }
 
@@ -206,6 +260,7 @@ pub(crate) mod tests {
                 [1.0, 2.0],
                 [0.0, 2.0],
             ],
+            below_m: None,
         };
         for (place, is_inside) in [
             ([0.5, 0.5], true),
@@ -255,6 +310,33 @@ pub(crate) mod tests {
         // Without a room, people count outside of a door as well.
         let door = Zones::new(vec![rectangle(ZoneKind::Door, [2.0, 2.0], [2.5, 3.0])]).unwrap();
         assert!(door.counts([9.0, 9.0]));
+    }
+
+    #[test]
+    fn a_zone_with_a_height_ignores_who_was_never_higher() {
+        let with = |below_m: f64, kind: ZoneKind| Zone {
+            below_m: Some(below_m),
+            ..rectangle(kind, [0.0, 0.0], [2.0, 2.0])
+        };
+        let zones = Zones::new(vec![with(0.5, ZoneKind::Ignore)]).unwrap();
+        assert!(zones.have_heights() && zones.counts([1.0, 1.0]));
+        assert!(zones.is_low([1.0, 1.0], 0.49) && !zones.is_low([1.0, 1.0], 0.5));
+        assert!(!zones.is_low([3.0, 1.0], 0.1));
+        // Who is nowhere, and whose height is unknown, is not low.
+        assert!(!zones.is_low([f64::NAN, 1.0], 0.1) && !zones.is_low([1.0, 1.0], f64::NAN));
+        // A zone without a height ignores everybody, also within one that has a height.
+        let both = vec![
+            with(0.5, ZoneKind::Ignore),
+            rectangle(ZoneKind::Ignore, [0.0, 0.0], [1.0, 1.0]),
+        ];
+        let both = Zones::new(both).unwrap();
+        assert!(!both.counts([0.5, 0.5]) && both.counts([1.5, 1.5]));
+
+        let error = |zone: Zone| Zones::new(vec![zone]).unwrap_err().to_string();
+        assert!(error(with(0.5, ZoneKind::Bed)).contains("belongs to zones of the kind `ignore`"));
+        for wrong in [0.04, 2.1, f64::NAN, -1.0] {
+            assert!(error(with(wrong, ZoneKind::Ignore)).contains("0.05 to 2 m above the floor"));
+        }
     }
 
     #[test]

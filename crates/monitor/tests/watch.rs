@@ -54,14 +54,26 @@ fn points(t_s: f32) -> Vec<RadarPoint> {
 /// Changes, with their times, s, rounded.
 type Changes<T> = Vec<(i64, T)>;
 
-/// Changes of presence and of falls.
-fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
-    let zone = |&kind| Zone {
-        name: format!("{kind:?}"),
-        kind,
+/// A cat that walks to and fro all the time, in front of a place.
+fn cat(t_s: f32, [x_m, y_m]: [f32; 2]) -> Vec<RadarPoint> {
+    body([x_m + (t_s * 0.2).sin(), y_m], 0.3, 6)
+}
+
+fn door() -> Zone {
+    Zone {
+        name: "door".into(),
+        kind: ZoneKind::Door,
         polygon_m: vec![[1.8, 2.0], [2.8, 2.0], [2.8, 3.0], [1.8, 3.0]],
-    };
-    let zones = Zones::new(kinds.iter().map(zone).collect()).unwrap();
+        below_m: None,
+    }
+}
+
+/// Changes of presence and of falls.
+fn watch(
+    zones: &[Zone],
+    points: impl Fn(f32) -> Vec<RadarPoint>,
+) -> (Changes<Presence>, Changes<FallState>) {
+    let zones = Zones::new(zones.to_vec()).unwrap();
     let mut clock = StreamClock::new(0.1).unwrap();
     let options = WatchOptions {
         zones,
@@ -89,7 +101,7 @@ fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
 
 #[test]
 fn somebody_comes_falls_gets_up_and_leaves() {
-    let (changes, fallen) = watch(&[ZoneKind::Door]);
+    let (changes, fallen) = watch(&[door()], points);
     // Tracked 0.7 s after the first points, present 1 s later. While the person lies, nobody is tracked.
     let states: Vec<Presence> = changes.iter().map(|(_, presence)| *presence).collect();
     let expected = [
@@ -115,9 +127,46 @@ fn somebody_comes_falls_gets_up_and_leaves() {
 
 #[test]
 fn without_a_door_presence_is_held() {
-    let (changes, fallen) = watch(&[]);
+    let (changes, fallen) = watch(&[], points);
     let (last_s, last) = changes[changes.len() - 1];
     assert_eq!(last, Presence::Absent);
     assert!((90..=92).contains(&last_s), "{changes:?}");
     assert_eq!(fallen.len(), 3);
+}
+
+/// The same states, at most 2 s later: heights are known later than places.
+fn assert_later<T: PartialEq + std::fmt::Debug>(found: &Changes<T>, expected: &Changes<T>) {
+    let is_later = |((at_s, state), (expected_s, expected)): (&(i64, T), &(i64, T))| {
+        state == expected && (0..=2).contains(&(at_s - expected_s))
+    };
+    let all = found.len() == expected.len() && found.iter().zip(expected).all(is_later);
+    assert!(all, "{found:?}, expected {expected:?}");
+}
+
+#[test]
+fn a_cat_is_nobody_where_what_is_low_is_ignored() {
+    let floor = Zone {
+        name: "floor".into(),
+        kind: ZoneKind::Ignore,
+        polygon_m: vec![[-4.0, 0.0], [4.0, 0.0], [4.0, 6.0], [-4.0, 6.0]],
+        below_m: Some(0.5),
+    };
+    let far = |t_s: f32| cat(t_s, [-2.5, 5.0]);
+    let (changes, _) = watch(&[door()], far);
+    assert_eq!(changes.len(), 1, "without such a zone it is somebody");
+    let (changes, fallen) = watch(&[door(), floor.clone()], far);
+    assert_eq!((changes, fallen), (Vec::new(), Vec::new()));
+
+    // Whoever falls was higher, and is found as without the cat.
+    let (alone, alone_fallen) = watch(&[door()], points);
+    let both = |t_s: f32| [points(t_s), far(t_s)].concat();
+    let (changes, fallen) = watch(&[door(), floor.clone()], both);
+    assert_later(&fallen, &alone_fallen);
+    assert_later(&changes, &alone);
+
+    // A cat that passes whoever lies there may get that number from the tracker: the fall is confirmed all the same, and
+    // stays open until somebody says that it has ended.
+    let beside = |t_s: f32| [points(t_s), cat(t_s, [-1.5, 3.5])].concat();
+    let (_, fallen) = watch(&[door(), floor], beside);
+    assert_eq!(fallen, alone_fallen[..2]);
 }

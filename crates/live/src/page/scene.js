@@ -62,7 +62,8 @@ function makeScene(canvas, button) {
       if (corners.length < 3) continue;
       g.strokeStyle = g.fillStyle = colours.dim; g.lineWidth = 2;
       line(g, [...corners, corners[0]]);
-      g.fillText(`${zone.name} (${zone.kind})`, corners[0][0] + 4, corners[0][1] - 4);
+      const kind = zone.below_m ? `${zone.kind} below ${zone.below_m} m` : zone.kind;
+      g.fillText(`${zone.name} (${kind})`, corners[0][0] + 4, corners[0][1] - 4);
     }
     const radar = project(0, 0, 0);
     if (radar[2] > 0.2) { g.fillStyle = colours.radar; g.fillRect(radar[0] - 5, radar[1] - 5, 10, 10); }

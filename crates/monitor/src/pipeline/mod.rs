@@ -39,6 +39,7 @@ use crate::options::{OptionError, has_passed, within};
 use crate::people::UNTRACKED;
 use crate::presence::{Presence, PresenceUpdate};
 use crate::rows::{Activity, Event, EventKind};
+use crate::statures::upper_height_m;
 use crate::watch::{Watch, WatchOptions};
 use crate::zones::Zones;
 
@@ -163,6 +164,16 @@ pub enum Output {
     Event(Event),
 }
 
+/// Removes the points of ascending indices.
+fn remove_points(frame: &mut PointFrame, indices: &[u32]) {
+    let mut at = 0_u32;
+    frame.points.retain(|_| {
+        let is_removed = indices.binary_search(&at).is_ok();
+        at += 1;
+        !is_removed
+    });
+}
+
 /// The state of a running radar.
 pub struct Pipeline {
     stream: StreamInfo,
@@ -273,6 +284,7 @@ impl Pipeline {
         out.extend(seen.falls.iter().flat_map(|event| self.fall(event)));
         out.push(self.frame_message(&frame, &seen.tracks));
         let is_occupied = seen.presence.presence.is_occupied();
+        remove_points(&mut frame, &seen.low_points);
         let changes = self.windows.push(&frame, &seen.people, is_occupied);
         for person in changes.ended {
             let rows = self.activities.end_person(person);
@@ -420,7 +432,11 @@ impl Pipeline {
         let windows = self.windows.take();
         let is_alone = windows.len() == 1;
         for window in windows {
-            if !self.zones.counts(window.place_m) {
+            let is_untracked = window.person == UNTRACKED;
+            if !self.zones.counts(window.place_m) || (is_untracked && self.is_low(&window)) {
+                if is_untracked {
+                    self.nobody_untracked(out);
+                }
                 continue;
             }
             self.pace.count(may_describe);
@@ -430,6 +446,21 @@ impl Pipeline {
             }
             self.describe_person(window, is_alone, out);
         }
+    }
+
+    /// Nobody is there who is not tracked.
+    fn nobody_untracked(&mut self, out: &mut Vec<Output>) {
+        self.is_untracked_present = false;
+        let rows = self.activities.end_person(UNTRACKED);
+        out.extend(self.rows(&rows));
+    }
+
+    /// Whether a zone ignores the points of a window because of their height.
+    fn is_low(&self, window: &Window) -> bool {
+        let points = window.frames.iter().flat_map(|frame| &frame.points);
+        let heights = points.map(|p| f64::from(p.z_m) + self.stream.radar_height_m);
+        let height_m = upper_height_m(heights.filter(|h| h.is_finite()));
+        height_m.is_some_and(|height_m| self.zones.is_low(window.place_m, height_m))
     }
 
     fn describe_person(&mut self, window: Window, is_alone: bool, out: &mut Vec<Output>) {
@@ -458,12 +489,11 @@ impl Pipeline {
             }
             // The model abstains from points that do not stay together: then nobody is there.
             let is_there = matches!(described, Described::Sentence { .. });
-            self.is_untracked_present = is_there;
             if !is_there {
-                let rows = self.activities.end_person(UNTRACKED);
-                out.extend(self.rows(&rows));
+                self.nobody_untracked(out);
                 return;
             }
+            self.is_untracked_present = true;
             self.is_absence_published = false;
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);

@@ -3,6 +3,8 @@ use std::sync::Mutex;
 use radarllm_base::RadarPoint;
 
 use super::*;
+use crate::zones::ZoneKind;
+use crate::zones::tests::rectangle;
 
 const START_MS: i64 = 1_795_455_492_000;
 
@@ -584,4 +586,61 @@ fn windows_come_with_everything_that_the_radar_reported_if_that_may_be_clutter()
             Clutter::Unchecked => assert_eq!((*seen, *reported), (60 * 12, Some(60 * 32))),
         }
     }
+}
+
+/// What a pipeline with a zone over the whole floor that ignores below 0.5 m, or without it, says about frames.
+fn run_over(
+    frames: impl Iterator<Item = PointFrame>,
+    has_zone: bool,
+) -> (Vec<PresenceState>, Vec<Clip>) {
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let mut options = PipelineOptions::default();
+    if has_zone {
+        let floor = crate::zones::Zone {
+            below_m: Some(0.5),
+            ..rectangle(ZoneKind::Ignore, [-4.0, 0.0], [4.0, 6.0])
+        };
+        options.watch.zones = Zones::new(vec![floor]).unwrap();
+    }
+    let mut pipeline =
+        Pipeline::new(stream(), &options, Box::new(describer), Arc::default()).unwrap();
+    let mut outputs: Vec<Output> = frames
+        .flat_map(|frame| pipeline.push_frame(frame, Arrival::Replayed(START_MS), true))
+        .collect();
+    outputs.extend(pipeline.finish());
+    let states = presences(&outputs).into_iter().map(|(state, _)| state);
+    let clips = clips.lock().unwrap().clone();
+    (states.collect(), clips)
+}
+
+#[test]
+fn a_robot_vacuum_is_nobody_tracked_or_not_and_its_points_are_no_persons() {
+    let vacuum = |n: u32| body(-1.5 + 0.5 * (n as f32 * 0.02).sin(), 0.1);
+    let with = |n: u32, points: Vec<RadarPoint>| PointFrame { points, ..frame(n) };
+    for (what, is_seen) in [("tracked", 1), ("hardly seen", 7)] {
+        let frames = || {
+            (0..300).map(|n| {
+                let points = if n % is_seen == 0 {
+                    vacuum(n)
+                } else {
+                    Vec::new()
+                };
+                with(n, points)
+            })
+        };
+        let (states, clips) = run_over(frames(), false);
+        assert!(!states.is_empty() && !clips.is_empty(), "{what}");
+        let (states, clips) = run_over(frames(), true);
+        assert!(states.is_empty() && clips.is_empty(), "{what}: {states:?}");
+    }
+    let both = (0..300).map(|n| {
+        let person = body(1.0 + 0.2 * (n as f32 * 0.05).sin(), 1.7);
+        with(n, [person, vacuum(n)].concat())
+    });
+    let (states, clips) = run_over(both, true);
+    assert_eq!(states, [PresenceState::Present]);
+    let newest = clips.last().unwrap();
+    let points = newest.frames.iter().flat_map(|frame| &frame.points);
+    assert!(points.clone().count() > 300 && points.clone().all(|p| p.x_m > 0.5));
 }

@@ -82,7 +82,8 @@ pub(crate) struct LiveArgs {
     /// Largest size of the database, MB.
     #[arg(long, value_name = "MB", default_value_t = 512)]
     pub db_max_mb: u32,
-    /// File with zones of the room: [[zone]] with name, kind (room, ignore, door or bed) and polygon_m.
+    /// File with zones of the room: [[zone]] with name, kind (room, ignore, door or bed), polygon_m and, to
+    /// ignore pets, below_m.
     #[arg(long, value_name = "FILE")]
     pub zones: Option<PathBuf>,
     /// Length of the windows that are described, s: 1 to 9.6.
