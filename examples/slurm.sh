@@ -1,6 +1,7 @@
 #!/bin/bash
 # Builds a data set with eight tasks of a Slurm array, which share the folder OUT.
 #
+#   radarllm dataset prepare configs/data/default-data.toml --out /shared/data
 #   job=$(sbatch --parsable examples/slurm.sh configs/data/default-data.toml /shared/data)
 #   sbatch --dependency="afterok:$job" --wrap "radarllm dataset finish configs/data/default-data.toml --out /shared/data"
 #

@@ -206,7 +206,6 @@ class _BuildShard:
         self.folder = folder
         self.attempts = attempts
         self.version = __version__
-        self.fingerprint = plan.fingerprint
 
     def __call__(self, row: _Row) -> _Row:
         number = int(row["number"])
@@ -216,18 +215,13 @@ class _BuildShard:
     def build(self, number: int) -> bool:
         _check_version(self.version)
         plan = _opened(*self.plan.__reduce__()[1])
-        if plan.fingerprint != self.fingerprint:
-            raise _OtherVersion(
-                "a node finds other motions in the sources of the plan than the coordinator",
-                hint="the sources must be the same on all nodes",
-            )
         made: bool = plan.build_shard(self.folder, number, threads=1)["made"]
         return made
 
 
 @functools.lru_cache(maxsize=1)
 def _opened(path: str, text: str) -> DatasetPlan:
-    """A plan whose sources are opened once in a worker."""
+    """A plan of a worker, which reads the clips of its shards from the index of the folder."""
     return DatasetPlan._restore(path, text)
 
 

@@ -103,7 +103,29 @@ impl BuiltinRequest {
     /// Duration without the personal variation of tempo, s.
     pub fn nominal_duration_s(&self) -> f32 {
         let mut actor = Actor::average(self.global.number("height_m"));
-        self.controls(&mut actor).len() as f32 / FPS as f32
+        self.n_frames(&mut actor) as f32 / FPS as f32
+    }
+
+    /// Number of frames of [`Self::controls`], without what does not change it: smoothing takes most of the time.
+    fn n_frames(&self, actor: &mut Actor) -> usize {
+        let mut n_frames = 0;
+        for segment in &self.segments {
+            let mut perform =
+                |part: &Part| motions::perform(part.spec.name, &part.values, actor).len();
+            let base = perform(&segment.base);
+            let gesture = segment.overlay.as_ref().map_or(0, perform);
+            // Clips share the frame where they meet.
+            n_frames += base.max(gesture) - usize::from(n_frames > 0);
+        }
+        match n_frames {
+            0 => 0,
+            n => n + self.pause_frames("before_s") + self.pause_frames("after_s"),
+        }
+    }
+
+    /// Number of frames of a pause.
+    fn pause_frames(&self, key: &str) -> usize {
+        (self.global.number(key) * FPS as f32).round() as usize
     }
 
     /// Name of the action: "walk then sit_down", "march while clap".
@@ -125,10 +147,9 @@ impl BuiltinRequest {
             let clip = perform_segment(segment, actor);
             join(&mut all, clip);
         }
-        let n_frames = |key| (self.global.number(key) * FPS as f32).round() as usize;
         if let (Some(first), Some(last)) = (all.first().copied(), all.last().copied()) {
-            all.resize(all.len() + n_frames("after_s"), last);
-            all.splice(0..0, vec![first; n_frames("before_s")]);
+            all.resize(all.len() + self.pause_frames("after_s"), last);
+            all.splice(0..0, vec![first; self.pause_frames("before_s")]);
         }
         all
     }
@@ -255,5 +276,23 @@ fn smooth_upper(frames: &mut [Control]) {
         }
         *control = Control::from_channels(&channels);
         control.feet = feet;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{pair_request, people_request, random_request};
+
+    #[test]
+    fn frames_are_counted_without_smoothing() {
+        for seed in 0..200 {
+            let people = people_request(seed).request;
+            for request in [random_request(seed), pair_request(seed), people] {
+                let actor = || Actor::average(request.global.number("height_m"));
+                let n_frames = request.controls(&mut actor()).len();
+                assert_eq!(request.n_frames(&mut actor()), n_frames, "{request}");
+            }
+        }
     }
 }

@@ -52,17 +52,24 @@ impl Track {
         let slopes = self.slopes();
         let times: Vec<f32> = self.keys.iter().map(|k| k.0).collect();
         let values: Vec<[f32; N_CHANNELS]> = self.keys.iter().map(|k| k.1.channels()).collect();
-        let at = |time: f32, channel: usize| {
+        // All channels of a time lie between the same keys: before the first one, after the last one, or at a share of the
+        // way from one to the next.
+        let place = |time: f32| {
             let next = times.partition_point(|t| *t <= time);
-            if next == 0 {
-                return values[0][channel];
-            }
-            if next == times.len() {
-                return values[next - 1][channel];
-            }
-            let (k, span) = (next - 1, times[next] - times[next - 1]);
-            let u = (time - times[k]) / span;
+            let (k, next) = (next.saturating_sub(1), next.min(times.len() - 1));
+            let span = times[next] - times[k];
+            let u = if next == k {
+                0.0
+            } else {
+                (time - times[k]) / span
+            };
+            (k, next, span, u)
+        };
+        let at = |(k, next, span, u): (usize, usize, f32, f32), channel: usize| {
             let (p, q) = (values[k][channel], values[next][channel]);
+            if next == k {
+                return p;
+            }
             let (v, w) = (slopes[k][channel] * span, slopes[next][channel] * span);
             let d = q - p;
             let (u2, u3) = (u * u, u * u * u);
@@ -75,16 +82,9 @@ impl Track {
         (0..n_frames)
             .map(|frame| {
                 let time = (frame as f64 / FPS) as f32;
-                let channels = std::array::from_fn(|c| {
-                    at(
-                        if is_upper(c) {
-                            time - upper_lag_s
-                        } else {
-                            time
-                        },
-                        c,
-                    )
-                });
+                let (lower, upper) = (place(time), place(time - upper_lag_s));
+                let channels =
+                    std::array::from_fn(|c| at(if is_upper(c) { upper } else { lower }, c));
                 Control::from_channels(&channels)
             })
             .collect()

@@ -76,6 +76,25 @@ impl PyDatasetPlan {
         Ok(self.plan.get_or_init(|| opened))
     }
 
+    /// Some shards of a folder that was prepared, chosen by their number, without opening the sources; the whole plan where
+    /// it is open already or where the folder has no index for it.
+    fn with_shards<T>(
+        &self,
+        out: &Path,
+        choose: impl FnOnce(usize) -> Vec<usize>,
+        is_stopped: &(dyn Fn() -> bool + Sync),
+        work: impl FnOnce(&DatasetPlan) -> Result<T>,
+    ) -> Result<T> {
+        if self.plan.get().is_none() {
+            let base = self.path.parent().unwrap_or(Path::new(""));
+            let choose = |n_shards| Ok(choose(n_shards));
+            if let Some(part) = DatasetPlan::of_prepared(self.config.clone(), base, out, choose)? {
+                return work(&part);
+            }
+        }
+        work(self.plan(is_stopped)?)
+    }
+
     /// Opens the sources and reads something of the plan.
     fn of_plan<T: Send>(
         &self,
@@ -164,7 +183,8 @@ impl PyDatasetPlan {
     }
 
     /// Second step: builds one shard in a prepared folder, or keeps it if it is there and its hash fits. Any number of
-    /// processes may do this at the same time.
+    /// processes may do this at the same time. The clips of the shard are read from the index of the folder, so that the
+    /// sources need not be opened.
     ///
     /// A folder that was prepared with another configuration, by another version of this package or on a machine that
     /// rounds differently is refused. Ctrl-C leaves no file of an incomplete shard under its final name.
@@ -182,8 +202,10 @@ impl PyDatasetPlan {
         let options = build_options(Some(threads), false, false)?;
         let (entry, made) = work::run(py, |stop| {
             let is_stopped = || stop.is_set();
-            let plan = self.plan(&is_stopped)?;
-            let built = plan.build_shards(&out, [shard], options, |_| (), &is_stopped)?;
+            let only = |_| vec![shard];
+            let built = self.with_shards(&out, only, &is_stopped, |plan| {
+                plan.build_shards(&out, [shard], options, |_| (), &is_stopped)
+            })?;
             let entry = built.entries.into_iter().next();
             let entry = entry.ok_or_else(|| Error::bug(format!("shard {shard} was not built")))?;
             Ok((entry, built.n_kept == 0))
@@ -206,8 +228,10 @@ impl PyDatasetPlan {
     ) -> PyResult<Bound<'py, PyDict>> {
         let wait = duration("wait_s", wait_s)?;
         let manifest = work::run(py, |stop| {
-            let plan = self.plan(&|| stop.is_set())?;
-            alone(stop, wait, || plan.finish(&out))
+            let all = |n_shards| (0..n_shards).collect();
+            self.with_shards(&out, all, &|| stop.is_set(), |plan| {
+                alone(stop, wait, || plan.finish(&out))
+            })
         })?;
         numbers(py, &manifest)
     }

@@ -10,11 +10,12 @@ use radarllm_dataset::Split;
 use radarllm_radar_dsp::Detector;
 use radarllm_radar_sim::{SimOptions, shapes::RigidSurface};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::{
     Method, SynthError, Synthesizer,
     corpus::{
-        Corpus,
+        Corpus, CorpusItem,
         bandai_namco::BandaiNamco,
         files::{FilesConfig, MotionFiles},
         humanml3d::{self, HumanMl3dConfig},
@@ -527,6 +528,33 @@ impl DatasetConfig {
                 }
             })
             .collect()
+    }
+
+    /// The sources with some of their items, which were opened before: one list for each source, of items and recipes.
+    #[cfg(feature = "parquet")]
+    pub(crate) fn reopen_sources(
+        &self,
+        base: &Path,
+        items: Vec<Vec<(CorpusItem, Value)>>,
+    ) -> Result<Vec<Box<dyn Corpus>>, SynthError> {
+        let open = |(source, items): (&SourceConfig, Vec<(CorpusItem, Value)>)| {
+            Ok::<Box<dyn Corpus>, SynthError>(match source {
+                SourceConfig::BandaiNamco { path } => {
+                    Box::new(BandaiNamco::of_items(&base.join(path), items)?)
+                }
+                SourceConfig::Files(config) => {
+                    let folder = base.join(&config.path);
+                    Box::new(MotionFiles::of_items(config.terms(), folder, items)?)
+                }
+                SourceConfig::HumanMl3d(config) => {
+                    Box::new(MotionFiles::of_items(config.terms(), base.into(), items)?)
+                }
+                SourceConfig::Procedural(config) => {
+                    Box::new(ProceduralCorpus::of_items(config.draw, items)?)
+                }
+            })
+        };
+        self.source.iter().zip(items).map(open).collect()
     }
 
     /// The radar.

@@ -1,4 +1,4 @@
-//! `dataset build|finish|export|info|validate`.
+//! `dataset build|prepare|finish|export|info|validate`.
 
 use std::{
     path::{Path, PathBuf},
@@ -50,6 +50,23 @@ pub(crate) enum DatasetVerb {
         /// Threads; all cores if omitted.
         #[arg(long)]
         threads: Option<usize>,
+        /// Replace another data set in the folder.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prepare the folder of a data set for processes that build parts of it with --shard. They then read what their shards
+    /// are made of instead of opening the sources, which takes as long as the whole data set is large.
+    ///
+    /// Example: radarllm dataset prepare configs/data/default-data.toml --out work/data
+    Prepare {
+        /// Configuration (TOML); see docs/guides/dataset.md.
+        config: PathBuf,
+        /// Folder of the data set.
+        #[arg(long)]
+        out: PathBuf,
         /// Replace another data set in the folder.
         #[arg(long)]
         force: bool,
@@ -183,19 +200,24 @@ pub(crate) fn run(verb: &DatasetVerb) -> CliResult {
             force,
             json,
         } => {
-            let plan = DatasetPlan::open(config)?;
             let options = BuildOptions {
                 threads: threads::threads(*threads),
                 overwrite: overwrite(*force),
                 retry_failed: false,
             };
             match shard {
-                Some(part) => build_part(&plan, out, *part, options, *json),
-                None => build(&plan, out, options, *json),
+                Some(part) => build_part(config, out, *part, options, *json),
+                None => build(&DatasetPlan::open(config)?, out, options, *json),
             }
         }
+        DatasetVerb::Prepare {
+            config,
+            out,
+            force,
+            json,
+        } => prepare(config, out, overwrite(*force), *json),
         DatasetVerb::Finish { config, out, json } => {
-            finish(&DatasetPlan::open(config)?, out, *json)
+            finish(&DatasetPlan::open_all(config, out)?, out, *json)
         }
         DatasetVerb::Export {
             dir,
@@ -323,15 +345,34 @@ pub(crate) fn build_quietly(plan: &DatasetPlan, out: &Path, options: BuildOption
     Ok(())
 }
 
+/// Makes a folder that of a data set, without building anything.
+fn prepare(config: &Path, out: &Path, overwrite: Overwrite, json: bool) -> CliResult {
+    let plan = DatasetPlan::open(config)?;
+    plan.prepare(out, overwrite)?;
+    let (n_clips, n_shards) = (plan.n_clips(), plan.n_shards());
+    if json {
+        return output::print_json(&serde_json::json!({
+            "clips": n_clips,
+            "shards": n_shards,
+        }));
+    }
+    output::print_line(&format!(
+        "{}: {n_clips} clips in {n_shards} shards to build",
+        out.display()
+    ));
+    Ok(())
+}
+
 /// Builds the shards of one part, in a folder that whichever process comes first prepares.
 fn build_part(
-    plan: &DatasetPlan,
+    config: &Path,
     out: &Path,
     part: Part,
     options: BuildOptions,
     json: bool,
 ) -> CliResult {
     let started = Instant::now();
+    let plan = DatasetPlan::open_part(config, out, part.number, part.of)?;
     let shards = plan.part(part.number, part.of)?;
     plan.prepare_once(out)?;
     let built = plan.build_shards(out, shards, options, progress_lines(started), &|| false)?;

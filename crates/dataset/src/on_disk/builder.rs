@@ -3,19 +3,24 @@
 //! Items are assigned to shards by their order in the plan, split by split. A build has three steps:
 //!
 //! 1. [`Builder::prepare`], alone in the folder: foreign content is refused, leftovers of killed processes are removed,
-//!    and `.shards/plan.json` records what every process must agree on.
+//!    `.shards/plan.json` records what every process must agree on, and an index what each shard is made of.
 //! 2. [`Builder::build_shards`], by any number of processes on any number of machines. A shard appears under its name
 //!    only when it is complete (temporary file, fsync, rename); then its sidecar in `.shards/` records its hash.
 //!    Shards whose bytes match their sidecar are kept, so that a second run only builds what is missing. Two processes
 //!    that build the same shard write the same bytes under the same name.
 //! 3. [`Builder::finish`], alone again: every hash is read again; the card and, last, the manifest are written.
 //!
-//! [`Builder::build`] does all three in one process.
+//! [`Builder::build`] does all three in one process. A process that builds a part of the shards has [`Builder::of_part`],
+//! which reads no more than that part of the index.
 
+use std::collections::BTreeMap;
 use std::path::Path;
+
+use serde_json::Value;
 
 use super::card;
 use super::folder::{Folder, Identity, write_json, write_text};
+use super::index::{self, PreparedPlan};
 use super::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry};
 use super::plan::Shard;
 use super::work::{Job, Work};
@@ -74,7 +79,9 @@ pub struct BuiltShards {
 pub struct Builder {
     plan: BuildPlan,
     config_blake3: String,
-    shards: Vec<Shard>,
+    n_shards: usize,
+    /// By their numbers; of a part, its shards alone, and the plan has their clips alone.
+    shards: BTreeMap<usize, Shard>,
 }
 
 impl Builder {
@@ -84,11 +91,34 @@ impl Builder {
     /// A plan with duplicate ids or a group in two splits, or numbers out of range.
     pub fn new(plan: BuildPlan) -> Result<Self, DatasetError> {
         plan.check()?;
+        let shards: BTreeMap<usize, Shard> = plan.shards().into_iter().enumerate().collect();
         Ok(Self {
             config_blake3: plan.hash()?,
-            shards: plan.shards(),
+            n_shards: shards.len(),
+            shards,
             plan,
         })
+    }
+
+    /// Some shards of a folder that was prepared, with the recipes of their clips in the order of [`BuildPlan::items`].
+    /// `tool_version` and `arithmetic` are those of this process.
+    ///
+    /// # Errors
+    /// A shard that the folder does not have; an index that is damaged.
+    pub fn of_part(
+        prepared: PreparedPlan,
+        shards: &[usize],
+        tool_version: String,
+        arithmetic: String,
+    ) -> Result<(Self, Vec<Value>), DatasetError> {
+        let part = prepared.part(shards, tool_version, arithmetic)?;
+        let builder = Self {
+            plan: part.plan,
+            config_blake3: part.config_blake3,
+            n_shards: part.n_shards,
+            shards: part.shards,
+        };
+        Ok((builder, part.recipes))
     }
 
     /// The plan.
@@ -96,9 +126,9 @@ impl Builder {
         &self.plan
     }
 
-    /// Number of shards. They are numbered from 0, train first.
+    /// Number of shards of the whole data set. They are numbered from 0, train first.
     pub fn n_shards(&self) -> usize {
-        self.shards.len()
+        self.n_shards
     }
 
     /// Hash of the plan, which the manifest records as `config_blake3`.
@@ -106,13 +136,20 @@ impl Builder {
         &self.config_blake3
     }
 
-    /// First step: makes `dir` the folder of this data set, or of its build that was begun before.
+    /// First step: makes `dir` the folder of this data set, or of its build that was begun before. `recipe` says what a
+    /// clip is made of, for the index.
     ///
     /// # Errors
     /// A directory that contains another data set (unless [`Overwrite::Replace`]) or anything else; another process that
     /// builds in the directory; a file system without locks or renames; a file system error.
-    pub fn prepare(&self, dir: &Path, overwrite: Overwrite) -> Result<(), DatasetError> {
-        Folder::prepare(dir, &self.identity(), overwrite).map(drop)
+    pub fn prepare(
+        &self,
+        dir: &Path,
+        overwrite: Overwrite,
+        recipe: &dyn Fn(&ItemId) -> Value,
+    ) -> Result<(), DatasetError> {
+        let write_index = |dir: &Path| self.write_index(dir, recipe);
+        Folder::prepare(dir, &self.identity(), overwrite, &write_index).map(drop)
     }
 
     /// As [`Self::prepare`], unless another process has done that or is doing it: for processes that start at the same
@@ -120,8 +157,13 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Self::prepare`] without replacing.
-    pub fn prepare_once(&self, dir: &Path) -> Result<(), DatasetError> {
-        Folder::prepare_once(dir, &self.identity())
+    pub fn prepare_once(
+        &self,
+        dir: &Path,
+        recipe: &dyn Fn(&ItemId) -> Value,
+    ) -> Result<(), DatasetError> {
+        let write_index = |dir: &Path| self.write_index(dir, recipe);
+        Folder::prepare_once(dir, &self.identity(), &write_index)
     }
 
     /// Second step: builds shards in a prepared folder, calling `make` for every item of those that do not exist yet.
@@ -147,11 +189,8 @@ impl Builder {
         let shards = shards
             .into_iter()
             .map(|i| {
-                self.shards.get(i).ok_or_else(|| DatasetError::Plan {
-                    problem: format!(
-                        "there is no shard {i}: the data set has {}, numbered from 0",
-                        self.shards.len()
-                    ),
+                self.shards.get(&i).ok_or_else(|| DatasetError::Plan {
+                    problem: index::no_shard(i, self.n_shards),
                 })
             })
             .collect::<Result<Vec<&Shard>, DatasetError>>()?;
@@ -176,12 +215,15 @@ impl Builder {
         &self,
         dir: &Path,
         options: BuildOptions,
+        recipe: &dyn Fn(&ItemId) -> Value,
         make: impl Fn(&ItemId) -> Result<ClipRecord, E> + Sync,
         progress: impl Fn(Progress) + Sync,
         stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<BuildReport, DatasetError> {
-        let folder = Folder::prepare(dir, &self.identity(), options.overwrite)?;
-        let built = self.build_in(&folder, &self.shards, options, make, progress, stop)?;
+        let write_index = |dir: &Path| self.write_index(dir, recipe);
+        let folder = Folder::prepare(dir, &self.identity(), options.overwrite, &write_index)?;
+        let shards = self.shards.values();
+        let built = self.build_in(&folder, shards, options, make, progress, stop)?;
         Ok(BuildReport {
             manifest: self.finish_in(&folder)?,
             n_kept_shards: built.n_kept,
@@ -193,8 +235,31 @@ impl Builder {
         Identity {
             plan: &self.plan,
             config_blake3: &self.config_blake3,
-            n_shards: self.shards.len(),
+            n_shards: self.n_shards,
         }
+    }
+
+    fn write_index(
+        &self,
+        dir: &Path,
+        recipe: &dyn Fn(&ItemId) -> Value,
+    ) -> Result<(), DatasetError> {
+        self.check_whole()?;
+        index::write(dir, &self.plan, &self.config_blake3, &self.shards, recipe)
+    }
+
+    /// Refuses what only whoever knows all shards can do.
+    fn check_whole(&self) -> Result<(), DatasetError> {
+        if self.shards.len() == self.n_shards {
+            return Ok(());
+        }
+        Err(DatasetError::Plan {
+            problem: format!(
+                "{} of {} shards are known, all are needed",
+                self.shards.len(),
+                self.n_shards
+            ),
+        })
     }
 
     fn build_in<'a, E: std::fmt::Display>(
@@ -236,8 +301,9 @@ impl Builder {
     }
 
     fn finish_in(&self, folder: &Folder) -> Result<Manifest, DatasetError> {
+        self.check_whole()?;
         let (mut entries, mut missing) = (Vec::new(), Vec::new());
-        for shard in &self.shards {
+        for shard in self.shards.values() {
             match folder.kept_entry(&self.plan, shard, false)? {
                 Some(entry) => entries.push(entry),
                 None => missing.push(shard.stem.clone()),
@@ -247,7 +313,7 @@ impl Builder {
             return Err(DatasetError::Incomplete {
                 dir: folder.dir().into(),
                 missing,
-                n_shards: self.shards.len(),
+                n_shards: self.n_shards,
             });
         }
         folder.check_strays(&entries)?;
@@ -286,5 +352,11 @@ pub fn build<E: std::fmt::Display>(
     make: impl Fn(&ItemId) -> Result<ClipRecord, E> + Sync,
     progress: impl Fn(Progress) + Sync,
 ) -> Result<BuildReport, DatasetError> {
-    Builder::new(plan.clone())?.build(dir, options, make, progress, &|| false)
+    let builder = Builder::new(plan.clone())?;
+    builder.build(dir, options, &no_recipe, make, progress, &|| false)
+}
+
+/// The recipe of clips that are not made of anything that another process could open, as those of recordings.
+pub fn no_recipe(_: &ItemId) -> Value {
+    Value::Null
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::atomic::{sync_dir, write_atomic};
 use super::file_system::{Access, check_abilities, check_place, try_lock, wait_for_lock};
+use super::index;
 use super::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry, hash_file, read_json};
 use super::plan::Shard;
 use crate::{BuildPlan, DatasetError, Overwrite, Split};
@@ -49,6 +50,9 @@ pub(crate) struct Identity<'a> {
     pub n_shards: usize,
 }
 
+/// Writes what the processes of a plan need beside its identity, in the folder that it is given.
+pub(crate) type WriteIndex<'a> = &'a dyn Fn(&Path) -> Result<(), DatasetError>;
+
 /// A folder that this process has locked and that holds the build of its plan.
 pub(crate) struct Folder {
     dir: PathBuf,
@@ -60,11 +64,12 @@ pub(crate) struct Folder {
 
 impl Folder {
     /// Creates the directories, acquires the exclusive lock, rejects foreign content, removes leftovers and writes the
-    /// plan.
+    /// index and, last, the plan.
     pub(crate) fn prepare(
         dir: &Path,
         own: &Identity<'_>,
         overwrite: Overwrite,
+        write_index: WriteIndex<'_>,
     ) -> Result<Self, DatasetError> {
         check_place(dir)?;
         let state_dir = dir.join(STATE_DIR);
@@ -115,6 +120,7 @@ impl Folder {
             });
         }
         remove_leftovers(dir)?;
+        write_index(dir)?;
         let plan_file = PlanFile {
             schema_version: SCHEMA_VERSION,
             name: own.plan.name.clone(),
@@ -145,10 +151,14 @@ impl Folder {
 
     /// Prepares the folder unless that has been done. Of several processes that start at the same time, one does it,
     /// and the others wait for it.
-    pub(crate) fn prepare_once(dir: &Path, own: &Identity<'_>) -> Result<(), DatasetError> {
+    pub(crate) fn prepare_once(
+        dir: &Path,
+        own: &Identity<'_>,
+        write_index: WriteIndex<'_>,
+    ) -> Result<(), DatasetError> {
         wait_for_lock(|| match is_prepared(dir) {
             true => Ok(()),
-            false => Self::prepare(dir, own, Overwrite::Refuse).map(drop),
+            false => Self::prepare(dir, own, Overwrite::Refuse, write_index).map(drop),
         })
     }
 
@@ -295,7 +305,7 @@ fn lock_path(dir: &Path) -> PathBuf {
     dir.join(STATE_DIR).join("lock")
 }
 
-fn is_prepared(dir: &Path) -> bool {
+pub(crate) fn is_prepared(dir: &Path) -> bool {
     plan_path(dir).is_file()
 }
 
@@ -333,7 +343,8 @@ fn remove_content(dir: &Path) -> Result<(), DatasetError> {
     for file in [dir.join(MANIFEST_NAME), dir.join("README.md")] {
         remove_if_there(&file)?;
     }
-    remove_matching(&dir.join(STATE_DIR), |name| name.ends_with(".json"))?;
+    let is_state = |name: &str| name.ends_with(".json") || name == index::ITEMS_NAME;
+    remove_matching(&dir.join(STATE_DIR), is_state)?;
     remove_matching(&dir.join(DATA_DIR), is_shard_name)
 }
 

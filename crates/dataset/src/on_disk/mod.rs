@@ -17,6 +17,7 @@ mod check;
 mod file_system;
 mod folder;
 mod guard;
+mod index;
 mod plan;
 mod work;
 
@@ -26,6 +27,7 @@ pub use builder::{
 pub use check::check_record;
 pub use dataset::{BatchIter, ClipIter, Dataset};
 pub use export::export;
+pub use index::PreparedPlan;
 pub use info::Info;
 pub use manifest::{Manifest, ShardEntry, SourceLicence};
 pub use points_file::{

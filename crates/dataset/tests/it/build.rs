@@ -2,7 +2,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use radarllm_dataset::{
     BatchIter, Columns, Dataset, DatasetError, ItemId, Overwrite, Progress, Split, build,
-    builder::Builder, validate,
+    builder::{Builder, no_recipe},
+    validate,
 };
 
 use crate::support::{clip, make, options, plan, tree};
@@ -102,7 +103,7 @@ fn a_stopped_build_goes_on_where_it_stopped() {
     let n_asked = AtomicUsize::new(0);
     let stop = || n_asked.fetch_add(1, Ordering::Relaxed) >= 30;
     let builder = Builder::new(plan.clone()).unwrap();
-    let found = builder.build(stopped.path(), options(1), make, |_| {}, &stop);
+    let found = builder.build(stopped.path(), options(1), &no_recipe, make, |_| {}, &stop);
     assert!(
         matches!(found, Err(DatasetError::Interrupted { .. })),
         "{found:?}"

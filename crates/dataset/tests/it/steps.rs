@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::Barrier;
 use std::time::{Duration, Instant};
 
-use radarllm_dataset::builder::{Builder, BuiltShards};
+use radarllm_dataset::builder::{Builder, BuiltShards, no_recipe};
 use radarllm_dataset::{BuildPlan, DatasetError, ItemId, Overwrite, build, validate};
 
 use crate::support::{make, options, plan, tree};
@@ -35,7 +35,9 @@ fn parts_in_any_order_and_at_once_give_the_bytes_of_one_build() {
     assert_eq!(builder.n_shards(), 14);
 
     let dir = tempfile::tempdir().unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     // Backwards, with 1 to 7 threads.
     for shard in (0..14).rev() {
         let options = options(1 + shard % 7);
@@ -64,7 +66,7 @@ fn parts_in_any_order_and_at_once_give_the_bytes_of_one_build() {
             scope.spawn(|| {
                 let builder = Builder::new(plan.clone()).unwrap();
                 start.wait();
-                builder.prepare_once(&out).unwrap();
+                builder.prepare_once(&out, &no_recipe).unwrap();
                 shards(&plan, &out, 0..14).unwrap();
             });
         }
@@ -78,7 +80,9 @@ fn an_early_finish_names_what_is_missing_and_writes_nothing() {
     let plan = plan(100);
     let builder = Builder::new(plan.clone()).unwrap();
     let dir = tempfile::tempdir().unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     shards(&plan, dir.path(), (0..14).filter(|i| ![3, 9].contains(i))).unwrap();
     let before = tree(dir.path());
     let error = builder.finish(dir.path()).unwrap_err();
@@ -115,7 +119,9 @@ fn an_early_finish_names_what_is_missing_and_writes_nothing() {
     let mut plan = plan.clone();
     plan.shard_size = 1;
     let builder = Builder::new(plan).unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     let error = builder.finish(dir.path()).unwrap_err().to_string();
     assert!(error.contains("and 80 more"), "{error}");
 }
@@ -126,7 +132,9 @@ fn shards_of_another_place_or_build_are_named() {
     let expected = undisturbed(&plan);
     let builder = Builder::new(plan.clone()).unwrap();
     let dir = tempfile::tempdir().unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     shards(&plan, dir.path(), 0..14).unwrap();
     let data = |name: &str| dir.path().join(format!("data/{name}.parquet"));
     let sidecar = |name: &str| dir.path().join(format!(".shards/{name}.json"));
@@ -200,7 +208,9 @@ fn processes_that_do_not_agree_are_refused() {
     assert_eq!(tree(dir.path()).len(), 0);
 
     let builder = Builder::new(ours.clone()).unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     shards(&ours, dir.path(), [0]).unwrap();
     let before = tree(dir.path());
 
@@ -227,7 +237,9 @@ fn processes_that_do_not_agree_are_refused() {
             );
             assert!(error.to_string().contains(word), "{error}");
         }
-        let error = builder.prepare(dir.path(), Overwrite::Refuse).unwrap_err();
+        let error = builder
+            .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+            .unwrap_err();
         assert!(matches!(error, DatasetError::Foreign { .. }), "{error}");
         assert!(error.to_string().contains(word), "{error}");
     }
@@ -297,13 +309,17 @@ fn who_is_alone_in_the_folder_waits_for_nobody_and_disturbs_nobody() {
     let plan = plan(40);
     let dir = tempfile::tempdir().unwrap();
     let builder = Builder::new(plan.clone()).unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     // Left by a process that was killed; only those that are alone may remove it.
     let leftover = dir.path().join("data/.train.somewhere.1.0.tmp");
     std::fs::write(&leftover, b"half").unwrap();
     let while_others_build = |item: &ItemId| {
         for overwrite in [Overwrite::Refuse, Overwrite::Replace] {
-            let error = builder.prepare(dir.path(), overwrite).unwrap_err();
+            let error = builder
+                .prepare(dir.path(), overwrite, &no_recipe)
+                .unwrap_err();
             assert!(matches!(error, DatasetError::Locked { .. }), "{error}");
         }
         let error = builder.finish(dir.path()).unwrap_err();
@@ -337,7 +353,9 @@ fn a_stopped_process_leaves_complete_shards() {
     let plan = plan(40);
     let dir = tempfile::tempdir().unwrap();
     let builder = Builder::new(plan.clone()).unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     let shards_done = std::sync::atomic::AtomicUsize::new(0);
     let order = std::sync::atomic::Ordering::Relaxed;
     let error = builder
@@ -384,7 +402,9 @@ fn a_process_that_is_killed_while_it_writes_loses_one_shard_at_most() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    builder.prepare(dir.path(), Overwrite::Refuse).unwrap();
+    builder
+        .prepare(dir.path(), Overwrite::Refuse, &no_recipe)
+        .unwrap();
     let start_child = || -> Child {
         Command::new(std::env::current_exe().unwrap())
             .args([

@@ -13,17 +13,20 @@ use radarllm_body::{loaders::load_motion, sample::canonicalize};
 use radarllm_dataset::record::Split;
 use radarllm_files::bounded;
 use serde::Deserialize;
+use serde_json::Value;
 
 use super::files::text_of;
-use super::{Corpus, CorpusError, CorpusItem, files_below};
+use super::{Corpus, CorpusError, CorpusItem, files_below, recipe_of};
 
 /// Largest BVH file that is read, bytes (the largest real one has 6 MB).
 const MAX_BVH_BYTES: u64 = 64 << 20;
 
 /// Captioned clips of the two data sets.
 pub struct BandaiNamco {
+    folder: PathBuf,
     items: Vec<CorpusItem>,
-    motions: Vec<Motion>,
+    /// BVH file of every item, relative to the folder.
+    files: Vec<PathBuf>,
 }
 
 #[derive(Deserialize)]
@@ -42,7 +45,7 @@ impl BandaiNamco {
     pub fn open(folder: &Path) -> Result<Self, CorpusError> {
         let captions = read_captions(&folder.join("captions.jsonl"))?;
         let splits = read_splits(&folder.join("splits.csv"))?;
-        let mut found: Vec<(CorpusItem, Motion)> = Vec::new();
+        let mut found: Vec<(CorpusItem, PathBuf)> = Vec::new();
         let mut paths: HashMap<String, PathBuf> = HashMap::new();
         for path in files_below(folder)? {
             if path.extension().is_none_or(|e| e != "bvh") {
@@ -67,11 +70,7 @@ impl BandaiNamco {
                     return Err(problem(format!("has two files, {other} and {one}")));
                 }
             };
-            let bytes =
-                bounded::read_bytes(&path, MAX_BVH_BYTES).map_err(|e| problem(e.to_string()))?;
-            let loaded = load_motion(&path, &bytes).map_err(|e| problem(e.to_string()))?;
-            let mut motion = loaded.motion;
-            canonicalize(&mut motion);
+            motion_of(&path).map_err(problem)?;
             let item = CorpusItem {
                 motion_id: clip,
                 group: group.clone(),
@@ -80,7 +79,8 @@ impl BandaiNamco {
                 captions: caption.captions.clone(),
                 is_continuous: false,
             };
-            found.push((item, motion));
+            let file = path.strip_prefix(folder).unwrap_or(&path);
+            found.push((item, file.into()));
         }
         if found.is_empty() {
             return Err(CorpusError::Format {
@@ -90,9 +90,41 @@ impl BandaiNamco {
             });
         }
         found.sort_by(|a, b| a.0.motion_id.cmp(&b.0.motion_id));
-        let (items, motions) = found.into_iter().unzip();
-        Ok(Self { items, motions })
+        let (items, files) = found.into_iter().unzip();
+        Ok(Self {
+            folder: folder.into(),
+            items,
+            files,
+        })
     }
+
+    /// Clips that were found before.
+    ///
+    /// # Errors
+    /// A recipe of another source.
+    pub(crate) fn of_items(
+        folder: &Path,
+        found: Vec<(CorpusItem, Value)>,
+    ) -> Result<Self, CorpusError> {
+        let (mut items, mut files) = (Vec::new(), Vec::new());
+        for (item, recipe) in found {
+            files.push(recipe_of(&item, recipe)?);
+            items.push(item);
+        }
+        Ok(Self {
+            folder: folder.into(),
+            items,
+            files,
+        })
+    }
+}
+
+/// The motion of a file, first pose at the origin.
+fn motion_of(path: &Path) -> Result<Motion, String> {
+    let bytes = bounded::read_bytes(path, MAX_BVH_BYTES).map_err(|e| e.to_string())?;
+    let mut motion = load_motion(path, &bytes).map_err(|e| e.to_string())?.motion;
+    canonicalize(&mut motion);
+    Ok(motion)
 }
 
 impl Corpus for BandaiNamco {
@@ -113,7 +145,15 @@ impl Corpus for BandaiNamco {
     }
 
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError> {
-        Ok(self.motions[item_idx].clone())
+        let path = self.folder.join(&self.files[item_idx]);
+        motion_of(&path).map_err(|problem| CorpusError::Motion {
+            id: self.items[item_idx].motion_id.clone(),
+            problem,
+        })
+    }
+
+    fn recipe(&self, item_idx: usize) -> Value {
+        serde_json::json!(self.files[item_idx])
     }
 }
 

@@ -26,8 +26,9 @@ use radarllm_dataset::{FailedItem, record::Split};
 use radarllm_files::bounded::{read_bytes, read_text};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::{Corpus, CorpusError, CorpusItem, files_below};
+use super::{Corpus, CorpusError, CorpusItem, files_below, recipe_of};
 
 /// Largest file with sentences, bytes.
 const MAX_TEXT_BYTES: u64 = 256 << 20;
@@ -60,8 +61,20 @@ pub struct FilesConfig {
     pub any_frame_rate: bool,
 }
 
+impl FilesConfig {
+    pub(crate) fn terms(&self) -> Terms {
+        Terms {
+            name: "files",
+            licence: self.licence.clone(),
+            attribution: self.attribution.clone(),
+            may_repeat: false,
+            any_frame_rate: self.any_frame_rate,
+        }
+    }
+}
+
 /// A line of the file with sentences.
-#[derive(Clone, Debug, Default, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptionLine {
     /// Motion file, relative to the folder.
@@ -99,7 +112,7 @@ pub struct CaptionLine {
 
 /// Terms of a source of motions.
 #[derive(Clone, Debug)]
-pub(super) struct Terms {
+pub(crate) struct Terms {
     /// Name of the corpus.
     pub name: &'static str,
     /// Licence of motions and sentences.
@@ -134,14 +147,37 @@ impl MotionFiles {
             false => read_lines(&captions)?,
         };
         let skipped = unlabelled(&folder, &lines)?;
-        let terms = Terms {
-            name: "files",
-            licence: config.licence.clone(),
-            attribution: config.attribution.clone(),
-            may_repeat: false,
-            any_frame_rate: config.any_frame_rate,
-        };
-        Self::from_lines(terms, &captions, folder, lines, skipped)
+        Self::from_lines(config.terms(), &captions, folder, lines, skipped)
+    }
+
+    /// Parts that were checked before.
+    ///
+    /// # Errors
+    /// A recipe of another source.
+    pub(crate) fn of_items(
+        terms: Terms,
+        folder: PathBuf,
+        checked: Vec<(CorpusItem, Value)>,
+    ) -> Result<Self, CorpusError> {
+        let (mut items, mut lines) = (Vec::new(), Vec::new());
+        for (item, recipe) in checked {
+            let Recipe {
+                line,
+                may_end_early,
+            } = recipe_of(&item, recipe)?;
+            lines.push(CaptionLine {
+                may_end_early,
+                ..line
+            });
+            items.push(item);
+        }
+        Ok(Self {
+            terms,
+            folder,
+            items,
+            lines,
+            skipped: Vec::new(),
+        })
     }
 
     /// Checks the motion of every line. `origin` is where the lines are from, for errors.
@@ -209,6 +245,13 @@ impl MotionFiles {
     }
 }
 
+/// A part of a motion file, as the index of a data set has it.
+#[derive(Serialize, Deserialize)]
+struct Recipe {
+    line: CaptionLine,
+    may_end_early: bool,
+}
+
 impl Corpus for MotionFiles {
     fn name(&self) -> &str {
         self.terms.name
@@ -237,6 +280,19 @@ impl Corpus for MotionFiles {
                 problem,
             })?;
         Ok(motion)
+    }
+
+    fn recipe(&self, item_idx: usize) -> Value {
+        let line = CaptionLine {
+            // The item has them.
+            captions: Vec::new(),
+            ..self.lines[item_idx].clone()
+        };
+        let may_end_early = line.may_end_early;
+        serde_json::json!(Recipe {
+            line,
+            may_end_early
+        })
     }
 }
 
@@ -539,7 +595,7 @@ pub(super) fn text_of(path: &Path) -> Result<String, CorpusError> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::fs;
 
     use super::*;

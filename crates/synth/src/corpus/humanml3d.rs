@@ -60,6 +60,19 @@ pub struct HumanMl3dConfig {
     pub attribution: String,
 }
 
+impl HumanMl3dConfig {
+    pub(crate) fn terms(&self) -> Terms {
+        Terms {
+            name: "humanml3d",
+            licence: self.licence.clone(),
+            attribution: self.attribution.clone(),
+            // Two parts of the data set may be one motion with different sentences.
+            may_repeat: true,
+            any_frame_rate: false,
+        }
+    }
+}
+
 fn yes() -> bool {
     true
 }
@@ -156,15 +169,13 @@ pub fn open(config: &HumanMl3dConfig, base: &Path) -> Result<MotionFiles, Corpus
             }),
         }
     }
-    let terms = Terms {
-        name: "humanml3d",
-        licence: config.licence.clone(),
-        attribution: config.attribution.clone(),
-        // Two parts of the data set may be one motion with different sentences.
-        may_repeat: true,
-        any_frame_rate: false,
-    };
-    MotionFiles::from_lines(terms, &folder, PathBuf::new(), lines, missing)
+    for line in &mut lines {
+        // Relative to the configuration, as processes with another current folder have it.
+        if let Ok(relative) = Path::new(&line.file).strip_prefix(base) {
+            line.file = relative.display().to_string();
+        }
+    }
+    MotionFiles::from_lines(config.terms(), &folder, base.into(), lines, missing)
 }
 
 /// A line for the whole part, and one for each time that has sentences of its own.

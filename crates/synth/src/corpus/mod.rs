@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 use radarllm_base::Motion;
 use radarllm_dataset::{FailedItem, record::Split};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 /// A captioned motion, without the motion itself.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,6 +49,25 @@ pub trait Corpus: Send + Sync {
     /// # Errors
     /// Names the item and what is wrong with it.
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError>;
+    /// What the motion of an item is made of, from which the source opens it again without looking at all others. Nothing
+    /// for a source that is no part of a data set's configuration.
+    fn recipe(&self, _item_idx: usize) -> Value {
+        Value::Null
+    }
+}
+
+/// Reads a recipe.
+///
+/// # Errors
+/// One that is not of this source.
+pub(crate) fn recipe_of<T: DeserializeOwned>(
+    item: &CorpusItem,
+    recipe: Value,
+) -> Result<T, CorpusError> {
+    serde_json::from_value(recipe).map_err(|e| CorpusError::Motion {
+        id: item.motion_id.clone(),
+        problem: format!("its recipe in the index of the data set: {e}"),
+    })
 }
 
 /// Why a corpus or one of its motions cannot be used.

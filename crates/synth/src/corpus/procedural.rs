@@ -5,12 +5,13 @@ use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
 use radarllm_facts::{Facts, facts, score::compare};
 use radarllm_motions::{
-    BuiltinRequest, PeopleRequest, once_request, pair_request, people_request, random_request,
-    side_request,
+    PeopleRequest, once_request, pair_request, people_request, random_request, side_request,
 };
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::{Corpus, CorpusError, CorpusItem};
+use super::{Corpus, CorpusError, CorpusItem, recipe_of};
 
 /// Draws of one motion until it states none of [`ProceduralConfig::held_out`].
 const MAX_DRAWS: usize = 1000;
@@ -50,8 +51,10 @@ impl ProceduralConfig {
 /// Randomly drawn built-in motions. Every item is its own group: parameters are drawn
 /// independently, so a test item's parameters are unseen in training.
 pub struct ProceduralCorpus {
+    how: Draw,
     items: Vec<CorpusItem>,
-    requests: Vec<(BuiltinRequest, u64)>,
+    /// Seed of every item.
+    seeds: Vec<u64>,
 }
 
 /// How motions are drawn.
@@ -95,13 +98,17 @@ impl ProceduralCorpus {
     ) -> Result<Self, CorpusError> {
         let held_out: Vec<Facts> = config.held_out.iter().map(|text| facts(text)).collect();
         let mut items = Vec::new();
-        let mut requests = Vec::new();
+        let mut seeds = Vec::new();
         for (split, count, prefix) in [
             (Split::Train, config.train, "train"),
             (Split::Val, config.val, "val"),
             (Split::Test, config.test, "test"),
         ] {
-            for i in (0..count).take_while(|_| !stop()) {
+            let held_out = match split {
+                Split::Test => &[][..],
+                Split::Train | Split::Val => &held_out,
+            };
+            let item = |i: usize| {
                 // Data sets of the same motions before different radars share ids; trainings refuse different motions
                 // of one id, so that those of another seed need their own.
                 let motion_id = match config.draw {
@@ -110,10 +117,6 @@ impl ProceduralCorpus {
                     Draw::Once => format!("once{seed}-{prefix}-{i:06}"),
                     Draw::Pairs => format!("pairs{seed}-{prefix}-{i:06}"),
                     Draw::Sides => format!("sides{seed}-{prefix}-{i:06}"),
-                };
-                let held_out = match split {
-                    Split::Test => &[][..],
-                    Split::Train | Split::Val => &held_out,
                 };
                 let Some((people, item_seed)) = draw(config.draw, &motion_id, seed, held_out)
                 else {
@@ -128,19 +131,48 @@ impl ProceduralCorpus {
                     request,
                     is_continuous,
                 } = people;
-                // Motions are rendered when their clips are made: every process opens the whole plan.
-                items.push(CorpusItem {
+                // Motions are rendered when their clips are made.
+                let item = CorpusItem {
                     group: motion_id.clone(),
                     motion_id,
                     split,
                     action: request.action(),
                     captions: request.captions(item_seed),
                     is_continuous,
-                });
-                requests.push((request, item_seed));
+                };
+                Ok((item, item_seed))
+            };
+            let drawn: Vec<(CorpusItem, u64)> = (0..count)
+                .into_par_iter()
+                .filter(|_| !stop())
+                .map(item)
+                .collect::<Result<_, _>>()?;
+            for (item, item_seed) in drawn {
+                items.push(item);
+                seeds.push(item_seed);
             }
         }
-        Ok(Self { items, requests })
+        Ok(Self {
+            how: config.draw,
+            items,
+            seeds,
+        })
+    }
+
+    /// Items that were drawn before.
+    ///
+    /// # Errors
+    /// A recipe of another source.
+    pub(crate) fn of_items(
+        how: Draw,
+        drawn: Vec<(CorpusItem, Value)>,
+    ) -> Result<Self, CorpusError> {
+        let (mut items, mut seeds) = (Vec::new(), Vec::new());
+        for (item, recipe) in drawn {
+            seeds.push(recipe_of(&item, recipe)?);
+            items.push(item);
+        }
+        Ok(Self { how, items, seeds })
     }
 }
 
@@ -151,17 +183,7 @@ fn draw(how: Draw, id: &str, seed: u64, held_out: &[Facts]) -> Option<(PeopleReq
             0 => derive_seed(seed, id),
             _ => derive_seed(seed, &format!("{id}, draw {n}")),
         };
-        let not_continuous = |request| PeopleRequest {
-            request,
-            is_continuous: false,
-        };
-        let drawn = match how {
-            Draw::Library => not_continuous(random_request(item_seed)),
-            Draw::People => people_request(item_seed),
-            Draw::Once => not_continuous(once_request(item_seed)),
-            Draw::Pairs => not_continuous(pair_request(item_seed)),
-            Draw::Sides => side_request(item_seed),
-        };
+        let drawn = request(how, item_seed);
         let is_held_out = !held_out.is_empty()
             && drawn.request.captions(item_seed).iter().any(|text| {
                 let stated = facts(text);
@@ -169,6 +191,21 @@ fn draw(how: Draw, id: &str, seed: u64, held_out: &[Facts]) -> Option<(PeopleReq
             });
         (!is_held_out).then_some((drawn, item_seed))
     })
+}
+
+/// The motion of a seed.
+fn request(how: Draw, item_seed: u64) -> PeopleRequest {
+    let not_continuous = |request| PeopleRequest {
+        request,
+        is_continuous: false,
+    };
+    match how {
+        Draw::Library => not_continuous(random_request(item_seed)),
+        Draw::People => people_request(item_seed),
+        Draw::Once => not_continuous(once_request(item_seed)),
+        Draw::Pairs => not_continuous(pair_request(item_seed)),
+        Draw::Sides => side_request(item_seed),
+    }
 }
 
 /// Whether a sentence states the actions of another in their order, with the attributes that are stated there.
@@ -195,10 +232,14 @@ impl Corpus for ProceduralCorpus {
     }
 
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError> {
-        let (request, seed) = &self.requests[item_idx];
-        let mut motion = request.render(*seed).motion;
+        let seed = self.seeds[item_idx];
+        let mut motion = request(self.how, seed).request.render(seed).motion;
         canonicalize(&mut motion);
         Ok(motion)
+    }
+
+    fn recipe(&self, item_idx: usize) -> Value {
+        self.seeds[item_idx].into()
     }
 }
 

@@ -8,7 +8,7 @@ use std::{collections::HashMap, convert::Infallible, path::Path};
 use radarllm_base::{Clip, PointFrame, hash::Fnv1a, seed::derive_seed};
 use radarllm_dataset::{
     BuildOptions, BuildPlan, BuildReport, Builder, ClipRecord, DatasetError, ItemId, Overwrite,
-    RECORDINGS, SourceLicence, Split,
+    RECORDINGS, SourceLicence, Split, builder::no_recipe,
 };
 use radarllm_inference::{Segment, lm::WINDOWS};
 
@@ -192,7 +192,8 @@ pub fn write(
     };
     let by_id: HashMap<&str, &ClipRecord> = clips.iter().map(|c| (c.id.as_str(), c)).collect();
     let make = |item: &ItemId| Ok::<_, Infallible>(by_id[item.id.as_str()].clone());
-    Builder::new(plan)?.build(out, options, make, |_| (), &|| false)
+    let builder = Builder::new(plan)?;
+    builder.build(out, options, &no_recipe, make, |_| (), &|| false)
 }
 
 fn hash(clips: &[ClipRecord]) -> u64 {
