@@ -1,4 +1,4 @@
-//! Data are written to stdout, all other output to stderr. Files are written atomically.
+//! Data are written to stdout, all other output to stderr. Files and folders are written atomically.
 
 use std::{
     fs::{self, File},
@@ -122,12 +122,30 @@ pub(crate) fn write_atomic_with(
     path: &Path,
     write: impl FnOnce(&mut File) -> CliResult,
 ) -> CliResult {
-    if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
-        fs::create_dir_all(folder).map_err(|e| CliError::io(folder, e))?;
+    create_parents(path)?;
+    atomic::write_with(path, Existing::Replace, write).map_err(|e| write_error(path, e))
+}
+
+/// Makes a new folder atomically: `write` fills a temporary one. Missing parent folders are created.
+#[cfg(feature = "train")]
+pub(crate) fn create_folder_with(path: &Path, write: impl FnOnce(&Path) -> CliResult) -> CliResult {
+    create_parents(path)?;
+    atomic::create_folder_with(path, write).map_err(|e| write_error(path, e))
+}
+
+/// Creates the missing folders above a path.
+fn create_parents(path: &Path) -> CliResult {
+    match path.parent().filter(|p| !p.as_os_str().is_empty()) {
+        Some(folder) => fs::create_dir_all(folder).map_err(|e| CliError::io(folder, e)),
+        None => Ok(()),
     }
-    atomic::write_with(path, Existing::Replace, write).map_err(|e| match e {
+}
+
+/// The error of something that was not written, with the path that the user named.
+fn write_error(path: &Path, error: WriteError<CliError>) -> CliError {
+    match error {
         WriteError::Content(error) => error,
         WriteError::Io { source, .. } => CliError::io(path, source),
         WriteError::Exists { path } => CliError::new(format!("{} exists already", path.display())),
-    })
+    }
 }

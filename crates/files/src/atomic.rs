@@ -1,7 +1,8 @@
-//! Writes files atomically.
+//! Writes files and folders atomically.
 //!
 //! The content is written to a temporary file in the same folder, which is synced and renamed; then the folder is
 //! synced. After a crash at any moment, the final name refers to the old file, to the complete new file, or to none.
+//! A new folder is made in the same way.
 //! The crate `tempfile` would do the same, but gives the finished file the permissions 0600, which prevent other users
 //! of a shared data set from reading it.
 
@@ -22,13 +23,13 @@ pub enum Existing {
     Replace,
 }
 
-/// Reason why a file was not written. `E` is the error type of the function that writes the content.
+/// Reason why a file or folder was not written. `E` is the error type of the function that writes the content.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError<E> {
-    /// The file exists, and its replacement was not requested.
+    /// The file or folder exists, and its replacement was not requested.
     #[error("{path}: already exists", path = path.display())]
     Exists {
-        /// File.
+        /// File or folder.
         path: PathBuf,
     },
     /// The operating system reported an error.
@@ -59,22 +60,7 @@ pub fn write_with<E>(
     if existing == Existing::Refuse && path.exists() {
         return Err(WriteError::Exists { path: path.into() });
     }
-    let fail = |path: &Path, operation: &'static str| {
-        let path = path.to_path_buf();
-        move |source| WriteError::Io {
-            path,
-            operation,
-            source,
-        }
-    };
-    let Some(name) = path.file_name() else {
-        let source = io::Error::from(io::ErrorKind::InvalidInput);
-        return Err(fail(path, "write something that is no file name")(source));
-    };
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let (folder, name) = folder_and_name(path)?;
     remove_leftovers(folder, name);
     let temporary = folder.join(temporary_name(name));
     let result = (|| {
@@ -90,6 +76,60 @@ pub fn write_with<E>(
         let _ = fs::remove_file(&temporary);
     }
     result
+}
+
+/// Makes the folder `path` through `write`, which receives the path of an empty temporary folder beside it. `write` syncs
+/// the files that it writes.
+///
+/// # Errors
+/// [`WriteError`]; `path` must not exist, because what is in it would be lost. After an error, the temporary folder has
+/// been removed.
+pub fn create_folder_with<E>(
+    path: &Path,
+    write: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<(), WriteError<E>> {
+    let (folder, name) = folder_and_name(path)?;
+    remove_leftovers(folder, name);
+    // Also a link to nothing exists.
+    if path.symlink_metadata().is_ok() {
+        return Err(WriteError::Exists { path: path.into() });
+    }
+    let temporary = folder.join(temporary_name(name));
+    let result = (|| {
+        fs::create_dir(&temporary).map_err(fail(&temporary, "create"))?;
+        write(&temporary).map_err(WriteError::Content)?;
+        sync_folder(&temporary).map_err(fail(&temporary, "sync"))?;
+        fs::rename(&temporary, path).map_err(fail(path, "rename into place"))?;
+        sync_folder(folder).map_err(fail(folder, "sync"))
+    })();
+    if result.is_err() {
+        // Best effort: the first error is the one to report.
+        let _ = fs::remove_dir_all(&temporary);
+    }
+    result
+}
+
+/// The folder that holds `path`, and its name there.
+fn folder_and_name<E>(path: &Path) -> Result<(&Path, &OsStr), WriteError<E>> {
+    let Some(name) = path.file_name() else {
+        let source = io::Error::from(io::ErrorKind::InvalidInput);
+        return Err(fail(path, "write something that is no file name")(source));
+    };
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    Ok((folder, name))
+}
+
+/// Turns an error of the operating system into one that names path and operation.
+fn fail<E>(path: &Path, operation: &'static str) -> impl FnOnce(io::Error) -> WriteError<E> {
+    let path = path.to_path_buf();
+    move |source| WriteError::Io {
+        path,
+        operation,
+        source,
+    }
 }
 
 /// Writes bytes.
@@ -121,9 +161,9 @@ pub fn write_bytes(
     })
 }
 
-/// A name for a temporary file beside `name` that no other process and no other thread uses, also not on another machine
-/// that shares the folder: `.NAME.HOST.PID.RANDOM.tmp`. Host and process tell whose file a crash left behind; containers
-/// may agree in both, so that the random part is needed.
+/// A name for a temporary file or folder beside `name` that no other process and no other thread uses, also not on another
+/// machine that shares the folder: `.NAME.HOST.PID.RANDOM.tmp`. Host and process tell whose it is when a crash left it
+/// behind; containers may agree in both, so that the random part is needed.
 pub fn temporary_name(name: &OsStr) -> OsString {
     // File systems limit names to 255 bytes; host, process and random part need up to 60.
     const MAX_NAME_CHARS: usize = 48;
@@ -137,8 +177,8 @@ pub fn temporary_name(name: &OsStr) -> OsString {
     format!(".{name}.{}.{process}.{random:016x}.tmp", host_name()).into()
 }
 
-/// Removes what killed runs of this machine left of a file: temporaries of processes that do not exist any more and wrote
-/// nothing for a while. Best effort, and only where the system tells which processes exist.
+/// Removes what killed runs of this machine left of a file or folder: temporaries of processes that do not exist any more
+/// and wrote nothing for a while. Best effort, and only where the system tells which processes exist.
 pub fn remove_leftovers(folder: &Path, name: &OsStr) {
     // Long enough for a process of another container with the same name and folder to write its next piece.
     const SILENCE: Duration = Duration::from_secs(600);
@@ -173,7 +213,10 @@ pub fn remove_leftovers(folder: &Path, name: &OsStr) {
             .and_then(|found| found.modified())
             .is_ok_and(|at| at.elapsed().is_ok_and(|passed| passed > SILENCE));
         if is_ours && is_silent && !processes.join(process).exists() {
-            let _ = fs::remove_file(entry.path());
+            let _ = match entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                true => fs::remove_dir_all(entry.path()),
+                false => fs::remove_file(entry.path()),
+            };
         }
     }
 }
@@ -190,7 +233,7 @@ fn host_name() -> String {
     name.trim().chars().take(MAX_CHARS).map(clean).collect()
 }
 
-/// Whether a file name is that of a temporary file, which a crash can leave behind.
+/// Whether a name is that of a temporary file or folder, which a crash can leave behind.
 pub fn is_leftover(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp")
 }
@@ -284,6 +327,67 @@ mod tests {
         found.sort();
         kept.sort();
         assert_eq!(found, kept, "{gone}");
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn folders_of_processes_that_ended_are_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        // No process has this number: the largest one is 2^22.
+        let (host, dead) = (host_name(), 1 << 23);
+        let old = std::time::SystemTime::now() - Duration::from_secs(3_600);
+        let make = |random: &str, is_old: bool| {
+            let name = format!(".a.{host}.{dead}.{random}.tmp");
+            let folder = dir.path().join(&name);
+            fs::create_dir_all(folder.join("part")).unwrap();
+            fs::write(folder.join("part/half"), b"half a file").unwrap();
+            if is_old {
+                File::open(folder).unwrap().set_modified(old).unwrap();
+            }
+            name
+        };
+        let gone = make("0123456789abcdef", true);
+        let kept = make("fedcba9876543210", false);
+        let fill = |folder: &Path| fs::write(folder.join("whole"), b"x");
+        create_folder_with(&dir.path().join("a"), fill).unwrap();
+        let mut found = names(dir.path());
+        found.sort();
+        assert_eq!(found, [kept, "a".into()], "{gone}");
+    }
+
+    #[test]
+    fn a_folder_appears_with_all_that_is_in_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a");
+        create_folder_with(&path, |folder| {
+            assert!(!path.exists());
+            let here = names(dir.path());
+            assert!(here.iter().all(|name| is_leftover(name)), "{here:?}");
+            fs::create_dir(folder.join("part"))?;
+            fs::write(folder.join("part/file"), b"one")
+        })
+        .unwrap();
+        assert_eq!(fs::read(path.join("part/file")).unwrap(), b"one");
+        assert_eq!(names(dir.path()), ["a"]);
+        // What exists is not replaced, and nothing is written for it.
+        let error = create_folder_with(&path, |_| Err(io::Error::other("called"))).unwrap_err();
+        assert!(matches!(error, WriteError::Exists { .. }), "{error}");
+        assert_eq!(names(&path), ["part"]);
+        assert!(create_folder_with(Path::new(".."), |_| io::Result::Ok(())).is_err());
+    }
+
+    #[test]
+    fn a_folder_that_is_not_finished_leaves_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let failed = create_folder_with(&dir.path().join("a"), |folder| {
+            fs::write(folder.join("half"), b"half").map_err(|e| e.to_string())?;
+            Err("no more".to_string())
+        });
+        assert!(matches!(failed, Err(WriteError::Content(why)) if why == "no more"));
+        assert_eq!(names(dir.path()), [""; 0]);
+        let nowhere = dir.path().join("no/such/folder/a");
+        let error = create_folder_with(&nowhere, |_| io::Result::Ok(())).unwrap_err();
+        assert!(error.to_string().contains("cannot create"), "{error}");
     }
 
     #[test]

@@ -265,16 +265,24 @@ impl CheckpointFiles {
     /// Writes the checkpoint to `dir` atomically, replacing any existing content.
     ///
     /// # Errors
-    /// If the file system reports an error; `dir` is then unchanged.
+    /// If the file system reports an error; `dir` is then unchanged, and the files that were written are removed.
     pub fn write(&self, dir: &Path) -> Result<(), CheckpointError> {
-        let parent = match dir.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
-            _ => PathBuf::from("."),
-        };
-        fs::create_dir_all(&parent).map_err(io_error(&parent))?;
+        let parent = parent_of(dir);
+        fs::create_dir_all(parent).map_err(io_error(parent))?;
         let staging = sibling(dir, UNFINISHED_SUFFIX);
-        remove_dir(&staging)?;
-        fs::create_dir(&staging).map_err(io_error(&staging))?;
+        let written = self
+            .write_staging(&staging)
+            .and_then(|()| replace(dir, &staging));
+        if written.is_err() {
+            // Best effort: the first error is the one to report.
+            let _ = fs::remove_dir_all(&staging);
+        }
+        written
+    }
+
+    fn write_staging(&self, staging: &Path) -> Result<(), CheckpointError> {
+        remove_dir(staging)?;
+        fs::create_dir(staging).map_err(io_error(staging))?;
         let mut sums = BTreeMap::new();
         for (name, bytes) in &self.files {
             let sum = FileSum {
@@ -289,17 +297,43 @@ impl CheckpointFiles {
             message: e.to_string(),
         })?;
         write_synced(&staging.join(CHECKSUM_FILE), &listing)?;
-        sync_folder(&staging).map_err(io_error(&staging))?;
-        // A directory cannot be renamed over a directory that is not empty, so the old checkpoint is renamed first.
-        // `Checkpoint::open` finds it under that name if the process dies between the two renames.
-        let aside = sibling(dir, REPLACED_SUFFIX);
-        if dir.exists() {
-            remove_dir(&aside)?;
-            fs::rename(dir, &aside).map_err(io_error(dir))?;
-        }
-        fs::rename(&staging, dir).map_err(io_error(dir))?;
-        sync_folder(&parent).map_err(io_error(&parent))?;
-        remove_dir(&aside)
+        sync_folder(staging).map_err(io_error(staging))
+    }
+}
+
+/// Gives a complete checkpoint its name.
+fn replace(dir: &Path, staging: &Path) -> Result<(), CheckpointError> {
+    // A directory cannot be renamed over a directory that is not empty, so the old checkpoint is renamed first.
+    // `Checkpoint::open` finds it under that name if the process dies between the two renames.
+    let aside = sibling(dir, REPLACED_SUFFIX);
+    if dir.exists() {
+        remove_dir(&aside)?;
+        fs::rename(dir, &aside).map_err(io_error(dir))?;
+    }
+    fs::rename(staging, dir).map_err(io_error(dir))?;
+    let parent = parent_of(dir);
+    sync_folder(parent).map_err(io_error(parent))?;
+    remove_dir(&aside)
+}
+
+/// Removes a checkpoint. It is first renamed to one that is being written, so that a process that is killed at any moment
+/// leaves no incomplete checkpoint under its name.
+///
+/// # Errors
+/// If the file system reports an error.
+pub fn remove_checkpoint(dir: &Path) -> Result<(), CheckpointError> {
+    let unfinished = sibling(dir, UNFINISHED_SUFFIX);
+    remove_dir(&unfinished)?;
+    fs::rename(dir, &unfinished).map_err(io_error(dir))?;
+    let parent = parent_of(dir);
+    sync_folder(parent).map_err(io_error(parent))?;
+    remove_dir(&unfinished)
+}
+
+fn parent_of(dir: &Path) -> &Path {
+    match dir.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
     }
 }
 
@@ -881,6 +915,58 @@ mod tests {
         files().write(&dir).unwrap();
         Checkpoint::open(&dir).unwrap();
         assert!(!root.join("c.tmp").exists() && !root.join("c.old").exists());
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    fn names(dir: &Path) -> Vec<String> {
+        let entries = fs::read_dir(dir).unwrap();
+        let mut names: Vec<String> = entries
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_checkpoint_that_cannot_be_written_leaves_nothing() {
+        let root = scratch("unwritten");
+        let dir = root.join("c");
+        // The folder of this file is missing. It comes after the others, which are written before.
+        let mut unwritable = files();
+        unwritable.bytes("no/such/folder", Vec::new());
+        let assert_refused = || {
+            let error = unwritable.write(&dir).unwrap_err();
+            let CheckpointError::Io { path, source } = error else {
+                panic!("{error}");
+            };
+            assert!(path.ends_with("no/such/folder"), "{}", path.display());
+            assert_eq!(source.kind(), std::io::ErrorKind::NotFound);
+        };
+        assert_refused();
+        assert_eq!(names(&root), [""; 0]);
+        // An earlier checkpoint stays as it is.
+        files().write(&dir).unwrap();
+        assert_refused();
+        assert_eq!(names(&root), ["c"]);
+        Checkpoint::open(&dir).unwrap();
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn a_checkpoint_loses_its_name_before_its_files() {
+        let root = scratch("remove");
+        let dir = root.join("c");
+        files().write(&dir).unwrap();
+        // An earlier process was killed while it removed or wrote a checkpoint of the same name.
+        fs::create_dir(root.join("c.tmp")).unwrap();
+        fs::write(root.join("c.tmp").join(MODEL_FILE), b"half").unwrap();
+        remove_checkpoint(&dir).unwrap();
+        assert_eq!(names(&root), [""; 0]);
+        assert!(remove_checkpoint(&dir).is_err());
+        // A plain file cannot be removed as a directory, so that the removal ends as if the process were killed.
+        fs::write(&dir, b"").unwrap();
+        assert!(remove_checkpoint(&dir).is_err());
+        assert_eq!(names(&root), ["c.tmp"]);
         fs::remove_dir_all(root).unwrap();
     }
 

@@ -28,7 +28,7 @@ use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
 use radarllm_inference::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, REPLACED_SUFFIX,
-    UNFINISHED_SUFFIX,
+    UNFINISHED_SUFFIX, remove_checkpoint,
 };
 use radarllm_nn::device::Processor;
 use radarllm_nn::params::{collect_params, load_model, param_shapes, replace_params};
@@ -373,7 +373,7 @@ pub fn forget(out_dir: &Path) -> Result<(), TrainError> {
     Log::of(out_dir).remove()
 }
 
-/// Removes the checkpoints that were being written when the process ended.
+/// Removes the checkpoints that were being written or removed when the process ended.
 fn remove_unfinished(out_dir: &Path) -> Result<(), TrainError> {
     let Ok(entries) = fs::read_dir(out_dir) else {
         return Ok(());
@@ -385,6 +385,15 @@ fn remove_unfinished(out_dir: &Path) -> Result<(), TrainError> {
             let path = entry.path();
             fs::remove_dir_all(&path).map_err(|source| TrainError::Io { path, source })?;
         }
+    }
+    Ok(())
+}
+
+/// Removes all checkpoints for resuming but the `keep` newest.
+fn remove_old(out_dir: &Path, keep: usize) -> Result<(), TrainError> {
+    let all = step_checkpoints(out_dir);
+    for (_, old) in all.iter().take(all.len().saturating_sub(keep)) {
+        remove_checkpoint(old)?;
     }
     Ok(())
 }
@@ -680,15 +689,7 @@ impl Run<'_> {
                 .out_dir
                 .join(format!("{STEP_PREFIX}{:08}", self.state.step)),
         )?;
-        let all = step_checkpoints(self.out_dir);
-        let keep = self.config.keep_last.max(1);
-        for (_, old) in all.iter().take(all.len().saturating_sub(keep)) {
-            fs::remove_dir_all(old).map_err(|source| TrainError::Io {
-                path: old.clone(),
-                source,
-            })?;
-        }
-        Ok(())
+        remove_old(self.out_dir, self.config.keep_last.max(1))
     }
 
     fn resume<S: Stage>(
@@ -894,4 +895,48 @@ fn step_checkpoints(out_dir: &Path) -> Vec<(u64, PathBuf)> {
     found.sort();
     found.dedup_by_key(|(step, _)| *step);
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_removal_that_is_interrupted_leaves_no_checkpoint_of_a_step() {
+        let dir = std::env::temp_dir().join(format!("radarllm-harness-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&dir);
+        let step = |step: u64| dir.join(format!("{STEP_PREFIX}{step:08}"));
+        let names = || {
+            let entries = fs::read_dir(&dir).unwrap();
+            let mut names: Vec<String> = entries
+                .map(|e| e.unwrap().file_name().into_string().unwrap())
+                .collect();
+            names.sort();
+            names
+        };
+        let steps = || -> Vec<u64> {
+            let found = step_checkpoints(&dir).into_iter();
+            found.map(|(step, _)| step).collect()
+        };
+        let mut files = CheckpointFiles::default();
+        files.json(CONFIG_FILE, &"a configuration").unwrap();
+        for n in [2, 3] {
+            files.write(&step(n)).unwrap();
+        }
+        // A plain file cannot be removed as a directory, so that the removal ends as if the process were killed.
+        fs::write(step(1), "").unwrap();
+        assert_eq!(steps(), [1, 2, 3]);
+        assert!(remove_old(&dir, 2).is_err());
+        assert_eq!(steps(), [2, 3]);
+        // A killed process leaves a directory with some of the files, which the next run removes.
+        let unfinished = dir.join("step-00000001.tmp");
+        fs::remove_file(&unfinished).unwrap();
+        fs::create_dir(&unfinished).unwrap();
+        fs::write(unfinished.join(CONFIG_FILE), "").unwrap();
+        remove_unfinished(&dir).unwrap();
+        assert_eq!(names(), ["step-00000002", "step-00000003"]);
+        remove_old(&dir, 1).unwrap();
+        assert_eq!(names(), ["step-00000003"]);
+        fs::remove_dir_all(&dir).unwrap();
+    }
 }

@@ -36,8 +36,8 @@ const ROUNDS: usize = 30;
 /// Seed of k-means.
 const SEED: u64 = 0x7265_7369;
 
-/// Makes a member of a model in `dir` read its radar tokens alone and writes it to `out`, which must not exist. The tokenizer
-/// stays as it is, but for a second codebook if `residual_codes` are wanted.
+/// Makes a member of a model in `dir` read its radar tokens alone and writes it to the folders `tokenizer` and `lm` of `out`,
+/// which are replaced. The tokenizer stays as it is, but for a second codebook if `residual_codes` are wanted.
 ///
 /// # Errors
 /// A folder without a model, a model whose language model has no bypass or is no T5, a tokenizer that has a second codebook

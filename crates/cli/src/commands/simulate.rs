@@ -480,16 +480,18 @@ fn write_adc(
         radar.rx.len(),
         radar.n_samples,
     ];
+    let io_error = |e| CliError::io(out, e);
     output::write_atomic_with(out, |file| {
         let mut buffered = BufWriter::new(file);
-        let mut npy = NpyWriter::new(&mut buffered, &shape)?;
+        let mut npy = NpyWriter::new(&mut buffered, &shape).map_err(io_error)?;
         for frame_idx in 0..simulation.n_frames() {
             let cube = simulation.cube(&mut synthesizer, frame_idx)?;
-            npy.extend(cube.data.iter().map(|c| [c.re, c.im]))?;
+            npy.extend(cube.data.iter().map(|c| [c.re, c.im]))
+                .map_err(io_error)?;
             after_frame(&mut synthesizer, frame_idx)?;
         }
-        npy.finish()?;
-        buffered.flush().map_err(|e| CliError::io(out, e))
+        npy.finish().map_err(io_error)?;
+        buffered.flush().map_err(io_error)
     })
 }
 

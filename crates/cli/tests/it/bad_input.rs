@@ -32,6 +32,28 @@ fn no_leftovers(folder: &Path, inputs: usize) {
     );
 }
 
+/// A limit of the size of files ends writing as a full disk does.
+#[cfg(target_os = "linux")]
+#[test]
+fn samples_that_cannot_be_written_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("raw.npy");
+    // Without the trap, the limit ends the process.
+    let script = "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\"";
+    let output = std::process::Command::new("sh")
+        .args(["-c", script, env!("CARGO_BIN_EXE_radarllm")])
+        .args(["simulate", "builtin:walk", "--radar", "iwrl6432"])
+        .args(["--emit", "adc", "--out"])
+        .arg(&out)
+        .output()
+        .unwrap();
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    let expected = format!("{}: File too large", out.display());
+    assert!(stderr.contains(&expected), "{stderr}");
+    no_leftovers(folder.path(), 0);
+}
+
 #[test]
 fn broken_motions_are_refused_by_name() {
     let cases: Vec<(&str, Vec<u8>)> = vec![

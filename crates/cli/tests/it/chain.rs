@@ -279,6 +279,7 @@ fn every_stage_trains_resumes_and_is_evaluated() {
 
     uses_what_was_tuned(&model, &path);
     reads_two_codes_a_step(&model, &path);
+    makes_whole_models_only(&model, &path);
 
     // A decoder alone on the same tokenizer.
     fs::create_dir(path("alone")).unwrap();
@@ -435,6 +436,62 @@ fn reads_two_codes_a_step(model: &str, path: &dyn Fn(&str) -> String) {
     fs::write(&checksums, without.to_string()).unwrap();
     let problem = crate::command::refused(&["describe", "builtin:clap", "--model", &two]);
     assert!(problem.contains("residual.safetensors"), "{problem}");
+}
+
+/// A new model that cannot be completed leaves neither a part of it under its name nor a temporary folder.
+#[cfg(feature = "train")]
+fn makes_whole_models_only(model: &str, path: &dyn Fn(&str) -> String) {
+    let copy = |from: String, to: &str| {
+        fs::create_dir_all(to).unwrap();
+        for entry in fs::read_dir(from).unwrap() {
+            let from = entry.unwrap().path();
+            fs::copy(
+                &from,
+                format!("{to}/{}", from.file_name().unwrap().display()),
+            )
+            .unwrap();
+        }
+    };
+    let (broken, out) = (path("broken"), path("whole"));
+    let [member, evidence] = ["member-2", "evidence"].map(|name| format!("{broken}/{name}"));
+    for part in ["lm", "tokenizer"] {
+        copy(format!("{model}/{part}"), &format!("{broken}/{part}"));
+        // A checkpoint, but of no radar tokenizer.
+        copy(format!("{model}/lm"), &format!("{member}/{part}"));
+    }
+    // Not a checkpoint.
+    fs::create_dir(&evidence).unwrap();
+    let left = || {
+        let names = fs::read_dir(path("")).unwrap().map(|entry| {
+            let name = entry.unwrap().file_name();
+            name.into_string().unwrap()
+        });
+        let mut left: Vec<String> = names.filter(|name| name.contains("whole")).collect();
+        left.sort();
+        left
+    };
+    let arguments = |verb: &'static str| ["lm", verb, "--model", &broken, "--out", &out];
+    // Both verbs write the first two parts before they find what is wrong.
+    for (verb, problem) in [
+        ("tokens", "broken/member-2/tokenizer"),
+        ("pack", "broken/evidence: not a checkpoint"),
+    ] {
+        let refused = crate::command::refused(&arguments(verb));
+        assert!(refused.contains(problem), "{refused}");
+        assert_eq!(left(), [""; 0], "{verb}");
+    }
+    fs::remove_dir_all(member).unwrap();
+    fs::remove_dir(evidence).unwrap();
+    for verb in ["tokens", "pack"] {
+        let output = radarllm(&arguments(verb));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{verb}: {stderr}");
+        assert_eq!(left(), ["whole"], "{verb}");
+        for part in ["lm", "tokenizer"] {
+            assert!(fs::exists(format!("{out}/{part}/checksums.json")).unwrap());
+        }
+        fs::remove_dir_all(&out).unwrap();
+    }
 }
 
 /// Removes a key wherever it is.

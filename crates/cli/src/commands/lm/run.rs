@@ -60,15 +60,16 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
 }
 
 fn tokens(model: &Path, residual_codes: Option<ResidualCodes>, out: &Path) -> CliResult {
-    // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
     output::check_new(out)?;
-    let members = members(model, out);
-    for (member, _) in &members {
-        open_member(member)?;
+    for (member, _) in members(model, out) {
+        open_member(&member)?;
     }
-    for (member, out) in &members {
-        tokens_only(member, residual_codes, out)?;
-    }
+    output::create_folder_with(out, |out| {
+        for (member, out) in members(model, out) {
+            tokens_only(&member, residual_codes, &out)?;
+        }
+        Ok(())
+    })?;
     output::print_line(&out.display().to_string());
     Ok(())
 }
@@ -111,38 +112,47 @@ fn t5_weights(folder: &Path) -> CliResult<String> {
 fn pack(model: &Path, out: &Path) -> CliResult {
     output::check_new(out)?;
     // All members are checked before anything is written.
-    let members = members(model, out)
-        .into_iter()
-        .map(|(member, out)| Ok((t5_weights(&member)?, member, out)))
+    let lm_weights = member_folders(model)
+        .iter()
+        .map(|member| t5_weights(member))
         .collect::<CliResult<Vec<_>>>()?;
-    for (lm_weights, member, out) in &members {
-        // The decoder of radar tokens and the networks that weigh sentences are no parts of a member.
-        for part in Member::PARTS.into_iter().chain(["points", "evidence"]) {
-            let folder = member.join(part);
-            if !folder.is_dir() {
-                continue;
-            }
-            let checkpoint = Checkpoint::open(&folder)?;
-            let weights = match part {
-                "lm" => Some(lm_weights.as_str()),
-                "points" | "evidence" => Some(MODEL_FILE),
-                _ => None,
-            };
-            let mut files = CheckpointFiles::default();
-            for name in checkpoint.names() {
-                match weights {
-                    Some(weights) if weights == name => {
-                        files.tensors_as_bytes(name, &checkpoint.tensors(name)?)?;
-                    }
-                    // The other set of weights, and what only training reads.
-                    Some(_) if !KEPT.contains(&name) => {}
-                    _ => files.bytes(name, checkpoint.bytes(name)?),
-                }
-            }
-            files.write(&out.join(part))?;
+    output::create_folder_with(out, |out| {
+        for ((member, out), lm_weights) in members(model, out).iter().zip(&lm_weights) {
+            pack_member(member, lm_weights, out)?;
         }
-    }
+        Ok(())
+    })?;
     output::print_line(&out.display().to_string());
+    Ok(())
+}
+
+/// Packs a member, whose language model has the weights file `lm_weights`, and the networks of its model, if it holds them.
+fn pack_member(member: &Path, lm_weights: &str, out: &Path) -> CliResult {
+    // The decoder of radar tokens and the networks that weigh sentences are no parts of a member.
+    for part in Member::PARTS.into_iter().chain(["points", "evidence"]) {
+        let folder = member.join(part);
+        if !folder.is_dir() {
+            continue;
+        }
+        let checkpoint = Checkpoint::open(&folder)?;
+        let weights = match part {
+            "lm" => Some(lm_weights),
+            "points" | "evidence" => Some(MODEL_FILE),
+            _ => None,
+        };
+        let mut files = CheckpointFiles::default();
+        for name in checkpoint.names() {
+            match weights {
+                Some(weights) if weights == name => {
+                    files.tensors_as_bytes(name, &checkpoint.tensors(name)?)?;
+                }
+                // The other set of weights, and what only training reads.
+                Some(_) if !KEPT.contains(&name) => {}
+                _ => files.bytes(name, checkpoint.bytes(name)?),
+            }
+        }
+        files.write(&out.join(part))?;
+    }
     Ok(())
 }
 
