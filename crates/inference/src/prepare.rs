@@ -83,10 +83,12 @@ impl<'a> PreparedClip<'a> {
         self.clip.into_owned()
     }
 
-    /// The clip with what the board reported in its time, for a clip whose static points were removed elsewhere.
+    /// The clip with what the board reported in its time at the same frame rate, for a clip whose static points were removed
+    /// elsewhere, and slow ones of the person with them.
     #[must_use]
     pub fn with_reported(self, reported: Clip) -> Self {
         let moving = self.parted.and_then(|parted| parted.moving);
+        let moving = moving.or_else(|| with_speed(&reported));
         Self {
             parted: Some(Box::new(Parted { moving, reported })),
             ..self

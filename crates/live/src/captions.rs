@@ -5,7 +5,11 @@ use radarllm::{
     is_general,
 };
 use radarllm_monitor::activities::actions_of;
-use radarllm_monitor::pipeline::{Describe, Described};
+use radarllm_monitor::pipeline::{Describe, Described, StreamInfo, WindowContext};
+
+/// Actions of measured postures.
+const SITS: &str = "sit_still";
+const LIES: &str = "lie_still";
 
 /// Describes windows with a trained model. The site is learned of people whom the board tracks while they walk, unless it is
 /// given.
@@ -48,7 +52,10 @@ impl Captions {
 
 impl Captions {
     /// A sentence with its actions, and those of them that are measured.
-    fn sentence(&self, clip: &Clip, description: Description) -> Described {
+    fn sentence(&self, clip: &Clip, mut description: Description, is_down: bool) -> Described {
+        if is_down && self.captioner.measures(clip) {
+            lie_down(&mut description);
+        }
         let actions = stated(&description);
         let mut measured = Vec::new();
         if self.captioner.measures(clip) {
@@ -70,6 +77,19 @@ impl Captions {
     }
 }
 
+/// Says of somebody who fell and has not risen that the person lies, where the height of the track alone would have it that
+/// the person sits: how low a board tracks who lies depends on the board.
+fn lie_down(description: &mut Description) {
+    let mut segments = std::mem::take(&mut description.segments);
+    for segment in &mut segments {
+        if segment.taught.is_none() && segment.actions == [SITS] {
+            segment.caption = segment.caption.replacen("sits", "lies", 1);
+            segment.actions = vec![LIES];
+        }
+    }
+    description.set_segments(segments);
+}
+
 /// The actions of a description, in order of time. A taught sentence that states none that is known has the name under which
 /// it was taught.
 fn stated(description: &Description) -> Vec<String> {
@@ -85,7 +105,20 @@ fn stated(description: &Description) -> Vec<String> {
 }
 
 impl Describe for Captions {
-    fn describe(&mut self, clip: &Clip, reported: Option<Clip>) -> Described {
+    fn measures_falls(&self, stream: &StreamInfo) -> bool {
+        let clip = Clip {
+            frames: Vec::new(),
+            frame_rate_hz: 1.0 / stream.frame_period_s,
+            radar_height_m: stream.radar_height_m as f32,
+            is_height_assumed: stream.is_height_assumed,
+            radar: stream.radar.clone(),
+            provenance: stream.provenance.clone(),
+            clutter: stream.clutter,
+        };
+        self.captioner.measures(&clip)
+    }
+
+    fn describe(&mut self, clip: &Clip, context: WindowContext) -> Described {
         self.learn(clip);
         // Guesses about boards that the model did not learn are not shown.
         let options = DescribeOptions {
@@ -95,7 +128,7 @@ impl Describe for Captions {
         let described = PreparedClip::of(clip)
             .map_err(Error::wrap)
             .and_then(|clip| {
-                let clip = match reported {
+                let clip = match context.reported {
                     Some(reported) => clip.with_reported(reported),
                     None => clip,
                 };
@@ -106,7 +139,7 @@ impl Describe for Captions {
                 Some(reason) => Described::Abstained {
                     reason: reason.to_string(),
                 },
-                None => self.sentence(clip, description),
+                None => self.sentence(clip, description, context.is_down),
             },
             Err(error) => Described::Failed {
                 error: error.to_string(),
@@ -163,6 +196,36 @@ mod tests {
     }
 
     #[test]
+    fn who_fell_and_has_not_risen_lies() {
+        let segment = |caption: &str| Segment {
+            start_s: 0.0,
+            end_s: 3.0,
+            caption: caption.into(),
+            actions: radarllm_facts::parse(caption)
+                .iter()
+                .filter_map(|clause| clause.actions.first().map(|action| action.name))
+                .collect(),
+            confidence: 0.9,
+            side_confidence: None,
+            taught: None,
+            guess: None,
+        };
+        let mut description = Description::default();
+        description.set_segments(vec![
+            segment("a person falls 2.0 m away"),
+            segment("a person sits 2.1 m away"),
+        ]);
+        lie_down(&mut description);
+        assert_eq!(stated(&description), ["fall", "lie_still"]);
+        assert!(
+            description.caption.contains("lies 2.1 m away"),
+            "{}",
+            description.caption
+        );
+        assert!(!description.caption.contains("sits"));
+    }
+
+    #[test]
     fn an_error_of_the_model_is_no_abstention() {
         let frame = PointFrame {
             frame: 0,
@@ -179,7 +242,8 @@ mod tests {
             provenance: Provenance::simulated("test", 0),
             clutter: Clutter::Settled,
         };
-        let described = Captions::new(Captioner::bundled().unwrap()).describe(&clip, None);
+        let described =
+            Captions::new(Captioner::bundled().unwrap()).describe(&clip, WindowContext::default());
         assert!(
             matches!(&described, Described::Failed { error } if !error.is_empty()),
             "{described:?}"
@@ -220,7 +284,7 @@ mod tests {
     }
 
     fn caption(captions: &mut Captions, clip: &Clip) -> String {
-        match captions.describe(clip, None) {
+        match captions.describe(clip, WindowContext::default()) {
             Described::Sentence { caption, .. } => caption,
             other => panic!("{other:?}"),
         }
@@ -239,7 +303,7 @@ mod tests {
         assert!(!before.contains("stands"), "{before}");
         let mut captions = Captions::new(Captioner::bundled().unwrap());
         for i in 0..12 {
-            captions.describe(&window(f64::from(i) * 2.0, walk), None);
+            captions.describe(&window(f64::from(i) * 2.0, walk), WindowContext::default());
         }
         let site = captions.captioner.site().unwrap();
         assert!((site.tilt_rad.to_degrees() - 12.0).abs() < 2.0, "{site:?}");
@@ -252,7 +316,7 @@ mod tests {
         let mut captions =
             Captions::new(Captioner::bundled().unwrap().with_site(Some(given.clone())));
         for i in 0..12 {
-            captions.describe(&window(f64::from(i) * 2.0, walk), None);
+            captions.describe(&window(f64::from(i) * 2.0, walk), WindowContext::default());
         }
         assert_eq!(captions.captioner.site(), Some(&given));
     }
@@ -292,11 +356,17 @@ mod tests {
             clutter: Clutter::Settled,
         };
         let mut captions = Captions::new(Captioner::bundled().unwrap());
-        let mut stated = |reported: Option<Clip>| match captions.describe(&clip(false), reported) {
-            Described::Sentence {
-                actions, measured, ..
-            } => (actions, measured),
-            other => panic!("{other:?}"),
+        let mut stated = |reported: Option<Clip>| {
+            let context = WindowContext {
+                reported,
+                is_down: false,
+            };
+            match captions.describe(&clip(false), context) {
+                Described::Sentence {
+                    actions, measured, ..
+                } => (actions, measured),
+                other => panic!("{other:?}"),
+            }
         };
         let (actions, measured) = stated(Some(clip(true)));
         assert!(actions.contains(&"fall".to_string()), "{actions:?}");

@@ -16,7 +16,7 @@ use radarllm_memory::Clock;
 use radarllm_monitor::liveness::Liveness;
 use radarllm_monitor::messages::{About, Body, FallState, Message};
 use radarllm_monitor::pipeline::{
-    Arrival, Describe, Described, Output, Pipeline, PipelineOptions, StreamInfo,
+    Arrival, Describe, Described, Output, Pipeline, PipelineOptions, StreamInfo, WindowContext,
 };
 use radarllm_monitor::rows::{Event, EventKind, Origin};
 
@@ -26,7 +26,7 @@ const HEIGHT_M: f64 = 1.0;
 struct Silent;
 
 impl Describe for Silent {
-    fn describe(&mut self, _: &Clip, _: Option<Clip>) -> Described {
+    fn describe(&mut self, _: &Clip, _: WindowContext) -> Described {
         Described::Abstained {
             reason: "a test".into(),
         }

@@ -42,6 +42,8 @@ const POOL_POINTS: usize = 4;
 /// Share of the points that must be left afterwards: what lies on the floor reflects (three tenths or more of the points in
 /// the falls of the IWRL6432AOP), and who stops leaves noise where static points are removed (one or two hundredths).
 const POOL_LEFT: f32 = 0.1;
+/// Part of the fall below which the middle of the points is up again a second later.
+const POOL_RISEN: f32 = 0.4;
 /// How far the middle of the points may go meanwhile, m: farther away is another person, or an echo.
 const POOL_SHIFT_M: f32 = 1.0;
 /// How far the middle half of the points may be spread afterwards on the floor and in height, m: at most 1.95 m and 2.0 m after
@@ -71,7 +73,7 @@ const VIEW_STATIC: f32 = 0.5;
 /// How sure such a fall is at most: one board showed falls this way, of one person.
 const VIEW_PROBABILITY: f32 = 0.9;
 /// Shorter recordings are whole events, s; in longer ones the time before a fall must be known.
-const EVENT_S: f64 = 5.0;
+pub(crate) const EVENT_S: f64 = 5.0;
 
 /// A fall.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -288,6 +290,12 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
         let n_before = before.len().max(n_earlier);
         let is_left = after.len() as f32 >= POOL_LEFT * n_before as f32;
         if fallen_m < POOL_FALL_M || !is_left {
+            continue;
+        }
+        // Who moves an arm or a leg on the spot is up again at once.
+        let later = pool(t_s + POOL_S, t_s + 2.0 * POOL_S);
+        let is_up_again = |later_m: f32| before_m - later_m < POOL_RISEN * POOL_FALL_M;
+        if middle(&later, n_frames).is_some_and(is_up_again) {
             continue;
         }
         let place_of = |points: &[RadarPoint]| middle_of(points.iter()).unwrap_or_default();
@@ -587,6 +595,13 @@ mod tests {
         assert_eq!(stops(3, [0.5, 0.5], 4.0), 0);
         assert!((falls[0].t_s - 4.0).abs() < 1.1, "{falls:?}");
         assert_eq!(falls_of_points(&recording(-0.5, 2.0)), []);
+        // Who lifts a leg is up again a second later.
+        let mut exercise = recording(-1.1, 2.0);
+        let up_m = exercise[0].points[0].z_m;
+        for frame in exercise.iter_mut().filter(|f| f.time_s >= 5.0) {
+            frame.points.iter_mut().for_each(|point| point.z_m = up_m);
+        }
+        assert_eq!(falls_of_points(&exercise), []);
         // Leakage before the antennas is nobody.
         assert_eq!(falls_of_points(&recording(-1.1, 0.1)), []);
     }

@@ -11,6 +11,11 @@ const MAX_GAP_S: f64 = 2.0;
 /// A track that is farther away in the next frame, m, is another person.
 const MAX_JUMP_M: f32 = 2.0;
 
+/// A track that begins so soon after another one ended, s, and so near to it, m, is the same person under another number:
+/// firmware loses people who move suddenly, as in a fall, and finds them again at once.
+const RENUMBERED_S: f64 = 0.6;
+const RENUMBERED_M: f32 = 1.0;
+
 /// Shorter tracks, s, are nobody.
 pub const MIN_TRACKED_S: f64 = 1.5;
 
@@ -80,6 +85,9 @@ pub fn tracked_people(frames: &[PointFrame], site: Option<&Site>) -> Option<Vec<
     let mut people: Vec<TrackedPerson> = Vec::new();
     let mut open: BTreeMap<u32, usize> = BTreeMap::new();
     for frame in frames.iter().filter(|f| f.time_s.is_finite()) {
+        let ids: Vec<u32> = (frame.board.iter())
+            .flat_map(|b| b.tracks.iter().map(|track| track.id))
+            .collect();
         for track in frame.board.iter().flat_map(|b| &b.tracks) {
             let mut place_m = track.place_m;
             let mut height_m = track.height_m;
@@ -98,16 +106,37 @@ pub fn tracked_people(frames: &[PointFrame], site: Option<&Site>) -> Option<Vec<
             if !values.into_iter().all(|v| v.is_finite()) {
                 continue;
             }
-            let known = open.get(&track.id).filter(|at| {
-                let last = people[**at].samples.last();
+            let is_near = |at: usize, gap_s: f64, jump_m: f32| {
+                let last = people[at].samples.last();
                 last.is_some_and(|last| {
                     let [x_m, y_m] = last.place_m;
                     let apart_m = (x_m - place_m[0]).hypot(y_m - place_m[1]);
-                    sample.t_s - last.t_s <= MAX_GAP_S && apart_m <= MAX_JUMP_M
+                    sample.t_s - last.t_s <= gap_s && apart_m <= jump_m
                 })
-            });
+            };
+            let known = open.get(&track.id).copied();
+            let known = known.filter(|at| is_near(*at, MAX_GAP_S, MAX_JUMP_M));
+            let renumbered = || {
+                let mut lost = (open.iter())
+                    .filter(|(id, at)| {
+                        !ids.contains(id) && is_near(**at, RENUMBERED_S, RENUMBERED_M)
+                    })
+                    .map(|(id, at)| (*id, *at));
+                match (lost.next(), lost.next()) {
+                    (Some(one), None) => Some(one),
+                    _ => None,
+                }
+            };
+            let known = match known {
+                Some(at) => Some(at),
+                None => renumbered().map(|(id, at)| {
+                    open.remove(&id);
+                    open.insert(track.id, at);
+                    at
+                }),
+            };
             match known {
-                Some(at) => people[*at].samples.push(sample),
+                Some(at) => people[at].samples.push(sample),
                 None => {
                     open.insert(track.id, people.len());
                     people.push(TrackedPerson {
@@ -163,6 +192,33 @@ pub(crate) mod tests {
         let people = tracked_people(&frames(9.0, at), None).unwrap();
         let spans: Vec<[f64; 2]> = people.iter().map(|p| [p.start_s(), p.end_s()]).collect();
         assert_eq!(spans, [[0.0, 1.9], [5.0, 6.9], [7.0, 8.9]]);
+    }
+
+    #[test]
+    fn a_person_who_is_lost_and_found_at_once_under_another_number_is_the_same() {
+        let renumbered = |gap_s: f64, apart_m: f32| {
+            let mut frames = frames(8.0, |t| match t {
+                t if t < 4.0 => Some([2.0, 0.5, 0.0]),
+                t if t < 4.0 + gap_s => None,
+                _ => Some([2.0 + apart_m, -0.5, 0.0]),
+            });
+            let after = frames.iter_mut().filter(|f| f.time_s >= 4.0);
+            let tracks = after.flat_map(|f| &mut f.board).flat_map(|b| &mut b.tracks);
+            tracks.for_each(|track| track.id = 9);
+            tracked_people(&frames, None).unwrap().len()
+        };
+        assert_eq!(renumbered(0.0, 0.3), 1);
+        assert_eq!(renumbered(0.4, 0.3), 1);
+        // Somebody else, later or elsewhere.
+        assert_eq!(renumbered(1.0, 0.3), 2);
+        assert_eq!(renumbered(0.0, 1.5), 2);
+        // Every frame another number.
+        let mut frames = frames(3.0, |_| Some([2.0, 0.5, 0.0]));
+        for (n, frame) in (0..).zip(&mut frames) {
+            let tracks = frame.board.iter_mut().flat_map(|b| &mut b.tracks);
+            tracks.for_each(|track| track.id = n);
+        }
+        assert_eq!(tracked_people(&frames, None).unwrap().len(), 1);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Posture from how far a person is below the height at which the same site tracks a standing person.
 
+use crate::site::STANDING_M;
+
 /// A posture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Posture {
@@ -16,6 +18,9 @@ pub enum Posture {
 /// A seated head is 0.4 to 0.5 m below a standing one, a lying one 1.4 m. The heights that boards track spread less: the
 /// middle between those who stand and those who sit is at 0.13 m on one board (IWRL6432) and at 0.15 m on another
 /// (IWR6843ISK-ODS).
+///
+/// The lower limit is of a person who is tracked 1.65 m above the floor while standing, and in proportion of another one: who
+/// lies is tracked near the floor, whatever part of the body the board tracks.
 const SITTING_M: f32 = 0.15;
 const LYING_M: f32 = 1.30;
 /// Standard deviations of the error of a height, m, at the two limits.
@@ -34,14 +39,15 @@ pub struct PostureProbabilities {
 }
 
 impl PostureProbabilities {
-    /// The probabilities of a height below a standing person, m. `site_error_m` is the standard deviation that the height
-    /// has because the site is not known.
-    pub fn of(below_standing_m: f32, site_error_m: f32) -> Self {
+    /// The probabilities of a height below a standing person, m, who is tracked at `standing_m` above the floor.
+    /// `site_error_m` is the standard deviation that the height has because the site is not known.
+    pub fn of(below_standing_m: f32, standing_m: f32, site_error_m: f32) -> Self {
+        let lying_m = LYING_M * standing_m / STANDING_M;
         let beyond = |limit_m: f32, error_m: f32| {
             normal_cdf((below_standing_m - limit_m) / error_m.hypot(site_error_m))
         };
         let lower = beyond(SITTING_M, SITTING_ERROR_M);
-        let lying = beyond(LYING_M, LYING_ERROR_M).min(lower);
+        let lying = beyond(lying_m, LYING_ERROR_M).min(lower);
         Self {
             standing: 1.0 - lower,
             sitting: lower - lying,
@@ -82,7 +88,7 @@ mod tests {
             (0.9, Posture::Sitting),
             (1.6, Posture::Lying),
         ] {
-            let found = PostureProbabilities::of(below_m, 0.0);
+            let found = PostureProbabilities::of(below_m, STANDING_M, 0.0);
             assert_eq!(found.best().0, posture, "{below_m}");
             let sum = found.standing + found.sitting + found.lying;
             assert!(
@@ -90,7 +96,10 @@ mod tests {
                 "{found:?}"
             );
         }
-        let (_, at_the_limit) = PostureProbabilities::of(SITTING_M, 0.0).best();
+        // A child, or a board that tracks the chest.
+        let low = PostureProbabilities::of(1.05, 1.2, 0.0);
+        assert_eq!(low.best().0, Posture::Lying);
+        let (_, at_the_limit) = PostureProbabilities::of(SITTING_M, STANDING_M, 0.0).best();
         assert!((at_the_limit - 0.5).abs() < 0.01);
     }
 

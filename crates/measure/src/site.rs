@@ -21,6 +21,8 @@ const MIN_SPAN_M: f32 = 1.0;
 /// Width of the cells of distance, m, and the stretches that one needs.
 const CELL_M: f32 = 0.5;
 const MIN_IN_CELL: usize = 5;
+/// Standard deviation of the error of a stated tilt, rad: of the one board whose chirp file states it 12 degrees were wrong.
+const STATED_TILT_ERROR_RAD: f32 = 6.0 * (std::f32::consts::PI / 180.0);
 /// Maximum error of a tilt, rad: 25 degrees. More is no error of a mounting.
 const MAX_TILT_RAD: f32 = 0.4363;
 /// Share of the stretches that are lower than an upright person: people who sit down, get up or bend walk, too.
@@ -39,6 +41,8 @@ pub struct Site {
     pub walking_s: f32,
     /// Whether the height of the radar follows from neither people nor a statement.
     pub is_height_assumed: bool,
+    /// Stated height of the radar above the floor, m.
+    pub stated_height_m: Option<f32>,
 }
 
 /// Why nothing can be said about a site.
@@ -70,6 +74,7 @@ impl Site {
             standing_m: STANDING_M - radar_height_m,
             walking_s: 0.0,
             is_height_assumed: false,
+            stated_height_m: Some(radar_height_m),
         }
     }
 
@@ -77,6 +82,7 @@ impl Site {
     pub fn assumed(radar: &str, radar_height_m: f32) -> Self {
         Self {
             is_height_assumed: true,
+            stated_height_m: None,
             ..Self::unlearned(radar, radar_height_m)
         }
     }
@@ -104,7 +110,6 @@ impl Site {
         const STATED_HEIGHT_ERROR_M: f32 = 0.1;
         /// Radars stand on tables and hang below ceilings, 0.7 to 2.2 m high.
         const ASSUMED_HEIGHT_ERROR_M: f32 = 0.4;
-        const STATED_TILT_ERROR_RAD: f32 = 6.0 * (std::f32::consts::PI / 180.0);
         /// Walking after which half of the error is left, s.
         const HALF_S: f32 = 10.0;
         let left = HALF_S / (HALF_S + self.walking_s);
@@ -113,6 +118,17 @@ impl Site {
             false => STATED_HEIGHT_ERROR_M,
         };
         left * height_error_m.hypot(STATED_TILT_ERROR_RAD * distance_m)
+    }
+
+    /// Height above the floor at which a standing person is tracked, m: [`STANDING_M`] where nobody states the height of the
+    /// radar.
+    pub fn standing_above_floor_m(&self) -> f32 {
+        /// Of a child to a tall adult's head.
+        const POSSIBLE_M: [f32; 2] = [1.0, 2.0];
+        let stated_m = self
+            .stated_height_m
+            .map(|height_m| height_m + self.standing_m);
+        stated_m.map_or(STANDING_M, |m| m.clamp(POSSIBLE_M[0], POSSIBLE_M[1]))
     }
 
     /// Height of the radar above the floor, m, if a standing person is tracked at [`STANDING_M`].
@@ -169,6 +185,7 @@ impl SiteLearner {
             standing_m: 0.0,
             walking_s,
             is_height_assumed: false,
+            stated_height_m: None,
         };
         let heights = stretches.iter().map(|stretch| site.level(*stretch)[1]);
         let standing_m = quantile_nearest(heights, UPRIGHT).unwrap_or_default();
@@ -200,7 +217,11 @@ fn walking(person: &TrackedPerson) -> Vec<Stretch> {
     stretches
 }
 
-/// Change of the median height with distance; `None` if people walked at one distance only.
+/// Change of the median height with distance, as far as the stretches prove it; `None` if people walked at one distance only.
+///
+/// Tracks of people who walk sink and rise by themselves, so that few stretches show a change that is none. The less they
+/// prove, the nearer is the result to the stated tilt: it is the mean of the posterior distribution, with
+/// [`STATED_TILT_ERROR_RAD`] as the standard deviation of the prior one.
 fn slope(stretches: &[Stretch]) -> Option<f32> {
     let share = |share| quantile_nearest(stretches.iter().map(|s| s[0]), share);
     if share(0.95)? - share(0.05)? < MIN_SPAN_M {
@@ -227,8 +248,19 @@ fn slope(stretches: &[Stretch]) -> Option<f32> {
     let (mean_y_m, mean_z_m) = (mean(0), mean(1));
     let product = |of: &dyn Fn(&[f32; 3]) -> f32| points.iter().map(|p| p[2] * of(p)).sum::<f32>();
     let spread = product(&|p| (p[0] - mean_y_m).powi(2));
-    (points.len() >= 2 && spread > 0.0)
-        .then(|| product(&|p| (p[0] - mean_y_m) * (p[1] - mean_z_m)) / spread)
+    if points.len() < 2 || spread <= 0.0 {
+        return None;
+    }
+    let slope = product(&|p| (p[0] - mean_y_m) * (p[1] - mean_z_m)) / spread;
+    let errors = stretches.iter().map(|[y_m, z_m]| {
+        let error_m = z_m - mean_z_m - slope * (y_m - mean_y_m);
+        error_m * error_m
+    });
+    let variance = errors.sum::<f32>() / stretches.len() as f32;
+    // A new stretch begins after a third of one: three are one observation.
+    let slope_variance = 3.0 * variance / spread;
+    let prior_variance = STATED_TILT_ERROR_RAD.tan().powi(2);
+    Some(slope * prior_variance / (prior_variance + slope_variance))
 }
 
 #[cfg(test)]
@@ -291,5 +323,22 @@ mod tests {
         let site = Site::learn("board", &circle).unwrap();
         assert_eq!(site.tilt_rad, 0.0);
         assert!((site.standing_m - 0.1).abs() < 1e-6);
+    }
+
+    /// Heights that tremble by half a metre prove little in half a minute and all in ten.
+    #[test]
+    fn few_stretches_with_uncertain_heights_leave_the_tilt_nearly_as_stated() {
+        let tilt_deg = |n: u32| {
+            let stretch = |i: u32| {
+                let y_m = 1.5 + (i % 8) as f32 * 0.25;
+                let trembles_m = 0.5 * ((i * 7919 % 101) as f32 / 50.0 - 1.0);
+                [y_m, 0.3 - 0.2 * y_m + trembles_m]
+            };
+            let stretches: Vec<Stretch> = (0..n).map(stretch).collect();
+            (-slope(&stretches).unwrap()).atan().to_degrees()
+        };
+        let [few, many] = [tilt_deg(48), tilt_deg(4_800)];
+        assert!((2.0..8.0).contains(&few), "{few}");
+        assert!((10.5..12.0).contains(&many), "{many}");
     }
 }

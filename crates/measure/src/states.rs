@@ -4,7 +4,7 @@ use radarllm_base::{PointFrame, stats::quantile_nearest};
 
 use crate::{
     Site,
-    falls::{Fall, confirmed, falls_of, falls_of_points, is_within, walks_on},
+    falls::{EVENT_S, Fall, confirmed, falls_of, falls_of_points, is_within, walks_on},
     people::{MIN_TRACKED_S, Sample, TrackedPerson, Tracker, tracked_people},
     posture::{Posture, PostureProbabilities},
 };
@@ -38,6 +38,10 @@ const WALKING_NEIGHBOURS: usize = 2;
 const POSTURE_NEIGHBOURS: usize = 4;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
+
+/// Time after a fall that tells whether it was one, s, and for how long somebody who is tracked may be lost meanwhile, s.
+const AFTER_FALL_S: f64 = 2.0;
+const STILL_TRACKED_S: f64 = 0.5;
 
 /// What a person does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,17 +97,22 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
     let whole_s = span_s([frames.first(), frames.last()].map(|f| f.map(|f| f.time_s)));
     // A track that flickers is nobody, unless the recording is as short.
     let is_somebody = |p: &&TrackedPerson| p.length_s() >= MIN_TRACKED_S.min(0.5 * whole_s);
+    let end_s = frames.last().map_or(0.0, |frame| frame.time_s);
+    // What comes after a fall tells whether it was one. A window of a running radar may end before that, and the next one
+    // does not.
+    let is_known = |person: &TrackedPerson, fall: &Fall| {
+        let goes_on = person.length_s() >= EVENT_S && end_s - person.end_s() < STILL_TRACKED_S;
+        !goes_on || end_s - fall.t_s >= AFTER_FALL_S
+    };
     let falls_of_person = |person: &TrackedPerson| -> Vec<Fall> {
         let falls = match is_flat(person) {
             // One person at a time: the points are those of the room.
-            true => {
-                let falls = falls.iter().copied();
-                falls.filter(|fall| !walks_on(person, fall)).collect()
-            }
+            true => falls.clone(),
             false => falls_of(person, site),
         };
-        let falls = falls.into_iter();
+        let falls = falls.into_iter().filter(|fall| is_known(person, fall));
         falls
+            .filter(|fall| !walks_on(person, fall))
             .filter_map(|fall| confirmed(frames, person, fall, site))
             .collect()
     };
@@ -119,6 +128,8 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
 struct Second {
     is_walking: bool,
     posture: Option<PostureProbabilities>,
+    /// Height above the radar, m.
+    height_m: Option<f32>,
     is_falling: bool,
     places_m: [[f32; 2]; 2],
     start_s: f64,
@@ -134,8 +145,13 @@ fn is_flat(person: &TrackedPerson) -> bool {
 pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<State> {
     let seconds = seconds_of(person, site, falls);
     let mut states: Vec<State> = Vec::new();
+    let are_down = are_down(&seconds);
     for (i, second) in seconds.iter().enumerate() {
-        let (activity, mut probability) = activity_of(&seconds, i, falls);
+        let (mut activity, mut probability) = activity_of(&seconds, i, falls);
+        if are_down[i] && activity == Activity::Stays(Posture::Sitting) {
+            // Some boards track who lies as high as others track who sits.
+            activity = Activity::Stays(Posture::Lying);
+        }
         if person.tracker == Tracker::Points && activity == Activity::Walks {
             probability *= SURE_BY_POINTS;
         }
@@ -210,6 +226,26 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
         });
     }
     states
+}
+
+/// Whether a person fell before each second and has not risen since.
+fn are_down(seconds: &[Second]) -> Vec<bool> {
+    /// Somebody who gets onto a chair is that much higher than on the floor, m, for two seconds.
+    const RISEN_M: f32 = 0.35;
+    let mut floor_m: Option<f32> = None;
+    let height_m = |at: usize| seconds.get(at).and_then(|second: &Second| second.height_m);
+    let is_down = |(at, second): (usize, &Second)| {
+        if second.is_falling {
+            floor_m = height_m(at);
+        }
+        if let (Some(lowest_m), Some(own_m)) = (floor_m, height_m(at)) {
+            let lowest_m = lowest_m.min(own_m);
+            let kept_m = height_m(at + 1).map_or(own_m, |next_m| next_m.min(own_m));
+            floor_m = (kept_m - lowest_m < RISEN_M).then_some(lowest_m);
+        }
+        floor_m.is_some() && !second.is_falling
+    };
+    seconds.iter().enumerate().map(is_down).collect()
 }
 
 /// The state before or after a state, if the person stays there in a known posture; the longer of two.
@@ -332,10 +368,12 @@ fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second
         let height = quantile_nearest(samples.iter().filter_map(|s| s.height_m), 0.5);
         seconds.push(Second {
             is_walking: path_m >= walking_m,
+            height_m: height,
             posture: height.map(|height_m| {
                 let [x_m, y_m] = first.place_m;
                 let error_m = site.height_error_m(x_m.hypot(y_m));
-                PostureProbabilities::of(site.standing_m - height_m, error_m)
+                let below_m = site.standing_m - height_m;
+                PostureProbabilities::of(below_m, site.standing_above_floor_m(), error_m)
             }),
             is_falling: falls
                 .iter()
@@ -466,6 +504,47 @@ mod tests {
             ],
             "{found:?}"
         );
+    }
+
+    /// A board that tracks the chest of who lies, 0.9 m below who stands: whoever fell lies until rising.
+    #[test]
+    fn who_fell_lies_and_who_sat_down_sits() {
+        let kinds = |speed_mps: f32, chair: bool| {
+            let down_s = f64::from(1.15 / speed_mps);
+            let at = move |t: f64| match t {
+                t if t < 8.0 => Some([2.0, 0.15, 0.0]),
+                t if t < 8.0 + down_s => {
+                    Some([2.0, 0.15 - speed_mps * (t - 8.0) as f32, -speed_mps])
+                }
+                t if t < 20.0 || !chair => Some([2.0, -1.0, 0.0]),
+                _ => Some([2.0, -0.5, 0.0]),
+            };
+            let found = activities(at, 40.0);
+            found.into_iter().map(|s| s.0).collect::<Vec<_>>()
+        };
+        let [stands, sits, lies] =
+            [Posture::Standing, Posture::Sitting, Posture::Lying].map(Activity::Stays);
+        assert_eq!(kinds(1.6, false), [stands, Activity::Falls, lies]);
+        assert_eq!(kinds(1.6, true), [stands, Activity::Falls, lies, sits]);
+        assert_eq!(kinds(0.5, false), [stands, sits]);
+    }
+
+    /// A window of a running radar may end before it is known what follows a fall; the next one does not.
+    #[test]
+    fn a_fall_is_stated_when_it_is_known_what_follows() {
+        let falls = |seconds: f64, y_m: &dyn Fn(f64) -> f32| {
+            let at = |t: f64| match t {
+                t if t < 8.0 => Some([y_m(t), 0.15, 0.0]),
+                t if t < 9.0 => Some([y_m(t), 0.1 - 1.4 * (t - 8.0) as f32, -1.4]),
+                _ => Some([y_m(t), -1.3, 0.0]),
+            };
+            let found = activities(at, seconds);
+            found.iter().any(|s| s.0 == Activity::Falls)
+        };
+        assert!(!falls(9.5, &|_| 2.0));
+        assert!(falls(12.0, &|_| 2.0));
+        // Who goes on has not fallen: the track sank alone.
+        assert!(!falls(14.0, &|t| 2.0 + 0.5 * t as f32));
     }
 
     /// A body that tilts to and fro moves the track of its points fast, and never far.

@@ -9,6 +9,10 @@ use radarllm_tracking::LiveTrack;
 const MAX_GAP_S: f64 = 2.0;
 /// A track that is farther away in the next frame, m, is another person.
 const MAX_JUMP_M: f64 = 2.0;
+/// A track that begins so soon after another one was last reported, s, and so near to it, m, is the same person under another
+/// number: firmware loses people who move suddenly, as in a fall, and finds them again at once.
+const RENUMBERED_S: f64 = 0.6;
+const RENUMBERED_M: f64 = 1.0;
 /// Points within this distance of a track on the floor, m, are the person's.
 const BODY_M: f64 = 1.0;
 
@@ -45,10 +49,26 @@ impl BoardPeople {
             if !place_m.iter().chain(&velocity_mps).all(|v| v.is_finite()) {
                 continue;
             }
-            let same = self.known.get(&track.id).filter(|known| {
+            let apart_m = |known: &Known| {
                 let [dx, dy] = [0, 1].map(|axis| known.place_m[axis] - place_m[axis]);
-                dx.hypot(dy) <= MAX_JUMP_M
+                dx.hypot(dy)
+            };
+            let same = self.known.get(&track.id);
+            let same = same.filter(|known| apart_m(known) <= MAX_JUMP_M).copied();
+            let is_reported = |id: &u32| report.tracks.iter().any(|other| other.id == *id);
+            let mut lost = self.known.iter().filter(|(id, known)| {
+                !is_reported(id)
+                    && t_s - known.seen_s <= RENUMBERED_S
+                    && apart_m(known) <= RENUMBERED_M
             });
+            let renumbered = match (same, lost.next(), lost.next()) {
+                (None, Some((id, known)), None) => Some((*id, *known)),
+                _ => None,
+            };
+            if let Some((id, _)) = renumbered {
+                self.known.remove(&id);
+            }
+            let same = same.or(renumbered.map(|(_, known)| known));
             let person = same.map_or(self.newest + 1, |known| known.person);
             if people.iter().any(|other| other.id == person) {
                 // The number of a track stands twice in the report.

@@ -9,6 +9,11 @@
 //! | – | suspected | the height was below 0.7 m, within 1.5 s after it was above 1.0 m, and has been unknown for 0.5 s since |
 //! | – | suspected | the model says `fall`, and the height is below 0.7 m |
 //! | – | suspected | a fall was measured by the board's tracks or the points of the person (`radarllm-measure`) |
+//!
+//! Where falls are measured, the first two lines hold only for heights that mean something ([`SuspectBy`]).
+//!
+//! | from | to | when |
+//! |---|---|---|
 //! | suspected | dismissed | the person is up, or left through a door |
 //! | suspected | confirmed | `fall_dwell_s` have passed |
 //! | confirmed | recovered | the person is up, or left through a door |
@@ -97,6 +102,18 @@ const ACKNOWLEDGED_S: f64 = 600.0;
 pub const MAX_OPEN: usize = 64;
 /// The model's word.
 pub(crate) const FALL: &str = "fall";
+
+/// By which heights falls are suspected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SuspectBy {
+    /// By all.
+    #[default]
+    Heights,
+    /// By those of points: tracks of boards sink by themselves, and falls that they show are measured.
+    HeightsOfPoints,
+    /// By none, because nobody states the height of the radar: falls are measured.
+    Measuring,
+}
 
 /// Options of falls.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -231,6 +248,7 @@ struct Rise {
 #[derive(Clone, Debug)]
 pub struct FallMonitor {
     options: FallOptions,
+    suspect_by: SuspectBy,
     /// Height of the radar above the floor, m.
     radar_height_m: f64,
     zones: Zones,
@@ -255,8 +273,9 @@ pub struct FallMonitor {
 struct Body {
     /// Heights of the points of the last [`POINTS_S`], with the times of their frames.
     recent: VecDeque<(f64, Vec<f64>)>,
-    /// Height in this frame.
+    /// Height in this frame, and whether it is that of the board's track.
     height_m: Option<f64>,
+    is_height_of_board: bool,
     /// The last height, and its time.
     last: Option<(f64, f64)>,
     place_m: [f64; 2],
@@ -291,6 +310,7 @@ impl FallMonitor {
         )?;
         Ok(Self {
             options,
+            suspect_by: SuspectBy::default(),
             radar_height_m,
             zones,
             now_s: 0.0,
@@ -303,6 +323,11 @@ impl FallMonitor {
             newest: None,
             acknowledged: VecDeque::new(),
         })
+    }
+
+    /// Suspects falls by these heights from now on.
+    pub fn suspect_by(&mut self, heights: SuspectBy) {
+        self.suspect_by = heights;
     }
 
     /// Falls that have not ended.
@@ -508,15 +533,19 @@ impl FallMonitor {
     /// Suspects falls by height.
     fn suspect(&mut self) -> Vec<FallEvent> {
         let (now_s, low_m) = (self.now_s, self.options.fall_height_m);
+        let suspect_by = self.suspect_by;
+        let counts = |body: &Body| match suspect_by {
+            SuspectBy::Heights => true,
+            SuspectBy::HeightsOfPoints => !body.is_height_of_board,
+            SuspectBy::Measuring => false,
+        };
         let mut fallen = Vec::new();
         for (&person, body) in &mut self.bodies {
             let is_low = body.height_m.is_some_and(|h| h < low_m);
             let dropped = |high_s: f64| !is_over(high_s, now_s, DROP_S);
-            if is_low && body.was_low && body.high_s.is_some_and(dropped) {
-                fallen.push((person, body.place_m));
-            }
+            let has_dropped = is_low && body.was_low && body.high_s.is_some_and(dropped);
             body.was_low = is_low;
-            if body.has_sunk_and_vanished(now_s) {
+            if counts(body) && (has_dropped || body.has_sunk_and_vanished(now_s)) {
                 fallen.push((person, body.place_m));
             }
             if body.height_m.is_some_and(|h| h > HIGH_M) && !body.must_rise {
@@ -686,6 +715,7 @@ impl Body {
         Self {
             recent: VecDeque::new(),
             height_m: None,
+            is_height_of_board: false,
             last: None,
             place_m,
             was_low: false,
@@ -747,6 +777,7 @@ impl Body {
         let all = self.recent.iter().flat_map(|(_, heights)| heights);
         let tracked = one.board.and_then(|track| track.height_m);
         let tracked = tracked.map(|z_m| f64::from(z_m) - floor_m);
+        self.is_height_of_board = tracked.is_some();
         self.height_m = tracked.or_else(|| quantile(all.copied().collect()));
         if let Some(h) = self.height_m {
             self.last = Some((h, now_s));
@@ -842,6 +873,30 @@ mod tests {
 
     fn at_height(number: u32, height_m: f32) -> PersonFrame {
         person(number, PLACE, height_m - RADAR_M as f32)
+    }
+
+    #[test]
+    fn where_falls_are_measured_heights_that_mean_nothing_suspect_none() {
+        let suspected = |suspect_by: SuspectBy, of_board: bool| {
+            let mut scene = Scene::new();
+            scene.monitor.suspect_by(suspect_by);
+            let at = |height_m: f32| {
+                let mut one = at_height(1, height_m);
+                one.board = of_board.then(|| radarllm_base::BoardTrack {
+                    id: 1,
+                    place_m: [0.0, 2.0],
+                    height_m: Some(height_m - RADAR_M as f32),
+                    velocity_mps: [0.0; 3],
+                });
+                [one]
+            };
+            scene.frames(&at(1.5), 10);
+            !scene.frames(&at(0.2), 5).is_empty()
+        };
+        assert!(suspected(SuspectBy::Heights, true) && suspected(SuspectBy::Heights, false));
+        assert!(!suspected(SuspectBy::HeightsOfPoints, true));
+        assert!(suspected(SuspectBy::HeightsOfPoints, false));
+        assert!(!suspected(SuspectBy::Measuring, false));
     }
 
     #[test]

@@ -264,7 +264,7 @@ impl PresenceMonitor {
 
     fn appear(&mut self, counting: &[&PersonFrame]) {
         for one in counting {
-            let is_seen = !one.points.is_empty();
+            let is_seen = !one.points.is_empty() || one.board.is_some();
             if let Some(inside) = self.inside.get_mut(&one.person) {
                 if is_seen {
                     inside.seen_m = one.place_m;

@@ -6,7 +6,7 @@ use radarllm_base::PointFrame;
 use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
 
 use crate::board::BoardPeople;
-use crate::falls::{EarlierFall, Fall, FallEvent, FallMonitor, FallOptions};
+use crate::falls::{EarlierFall, Fall, FallEvent, FallMonitor, FallOptions, SuspectBy};
 use crate::options::OptionError;
 use crate::people::PersonFrame;
 use crate::presence::{Fallen, PresenceMonitor, PresenceOptions, PresenceUpdate};
@@ -170,6 +170,11 @@ impl Watch {
     /// Ends a fall on a user's word. Returns whether there was such a fall.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
         self.falls.acknowledge(fall)
+    }
+
+    /// Suspects falls by these heights from now on.
+    pub fn suspect_by(&mut self, heights: SuspectBy) {
+        self.falls.suspect_by(heights);
     }
 
     /// Falls that have not ended.

@@ -1,6 +1,6 @@
 //! Descriptions by what is measured: places, heights and speeds of the board's own tracks.
 
-use radarllm_base::{Clip, PointFrame};
+use radarllm_base::{Clip, PointFrame, RadarPoint, stats::quantile_nearest};
 use radarllm_inference::{
     Description, PreparedClip, Segment,
     lm::{Abstained, NO_PERSON},
@@ -33,7 +33,8 @@ impl Measured {
     pub(crate) fn of(clip: &PreparedClip, site: Option<&Site>) -> Self {
         let learned =
             || Site::learn(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
-        let site = site.cloned().unwrap_or_else(learned);
+        let mut site = site.cloned().unwrap_or_else(learned);
+        site.stated_height_m = (!clip.is_height_assumed).then_some(clip.radar_height_m);
         match measure(&clip.frames, &site) {
             Some(states) => Self::States(states),
             None => {
@@ -173,7 +174,9 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     let walks = |p: TrackedPerson| -> Vec<State> {
         let mut states = states_of(&p, &site, &[]);
         states.retain(|s| {
-            s.activity == Activity::Walks && (may_fold || is_as_fast(&clip.frames, &p, s))
+            s.activity == Activity::Walks
+                && (may_fold || is_as_fast(&clip.frames, &p, s))
+                && !sinks(&clip.frames, &p, s)
         });
         states
     };
@@ -199,8 +202,6 @@ fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bo
     /// has none.
     const MIN_SHARE: f32 = 0.4;
     const MIN_WAY_M: f32 = 0.5;
-    /// Distance of points from the track, m.
-    const NEAR_M: f32 = 0.7;
     let (mut way_m, mut shown_m) = (0.0, 0.0);
     let mut before_m: Option<f32> = None;
     let mut t_s = walk.start_s;
@@ -216,11 +217,7 @@ fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bo
         let range_m = mean(0).hypot(mean(1));
         let mut speeds_mps = Vec::new();
         for sample in samples {
-            let [x_m, y_m] = sample.place_m;
-            let at = frames.partition_point(|f| f.time_s < sample.t_s);
-            let points = frames.get(at).into_iter().flat_map(|f| &f.points);
-            let near = points.filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M);
-            speeds_mps.extend(near.map(|p| p.velocity_mps));
+            speeds_mps.extend(points_near(frames, sample).map(|p| p.velocity_mps));
         }
         if let (Some(before_m), false) = (before_m, speeds_mps.is_empty()) {
             way_m += (range_m - before_m).abs();
@@ -229,6 +226,44 @@ fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bo
         before_m = Some(range_m);
     }
     way_m < MIN_WAY_M || shown_m >= MIN_SHARE * way_m
+}
+
+/// Whether the points near a short walk sink, as those of somebody who falls and goes a step meanwhile.
+fn sinks(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bool {
+    /// A longer way, m, changes heights by the error of the tilt.
+    const MAX_WAY_M: f32 = 1.5;
+    /// How far the middle of the points sinks from the second around the beginning to the one around the end, m.
+    const SINKS_M: f32 = 0.5;
+    /// Fewer points say nothing.
+    const MIN_POINTS: usize = 5;
+    let way = walk.places_m;
+    if (way[0][0] - way[1][0]).hypot(way[0][1] - way[1][1]) > MAX_WAY_M {
+        return false;
+    }
+    let middle_m = |t_s: f64| {
+        let samples = person.between(t_s - 0.5, t_s + 0.5);
+        let heights: Vec<f32> = samples
+            .iter()
+            .flat_map(|sample| points_near(frames, sample))
+            .map(|p| p.z_m)
+            .collect();
+        (heights.len() >= MIN_POINTS).then(|| quantile_nearest(heights, 0.5))?
+    };
+    let heights_m = [walk.start_s, walk.end_s].map(middle_m);
+    matches!(heights_m, [Some(from_m), Some(to_m)] if from_m - to_m >= SINKS_M)
+}
+
+/// The points of the frame of a sample that are near it.
+fn points_near<'a>(
+    frames: &'a [PointFrame],
+    sample: &Sample,
+) -> impl Iterator<Item = &'a RadarPoint> + use<'a> {
+    /// Distance of points from the track, m.
+    const NEAR_M: f32 = 0.7;
+    let [x_m, y_m] = sample.place_m;
+    let at = frames.partition_point(|f| f.time_s < sample.t_s);
+    let points = frames.get(at).into_iter().flat_map(|f| &f.points);
+    points.filter(move |p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M)
 }
 
 /// The people whom the tracker of this program sees in points.
@@ -272,7 +307,7 @@ fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{Clutter, RadarPoint};
+    use radarllm_base::Clutter;
     use radarllm_measure::Posture;
 
     use super::*;
@@ -387,6 +422,52 @@ mod tests {
         // Speeds that fold say nothing; who walks past has no radial speed.
         assert!(is_walk(&away, 0.05, 0.3));
         assert!(is_walk(&|_| 2.0, 0.05, 1.0));
+    }
+
+    /// Who falls goes a step meanwhile; who walks stays as high, and a longer way changes heights by the error of the tilt.
+    #[test]
+    fn points_that_sink_on_a_short_way_are_no_walk() {
+        let sinks_by = |way_m: f32, sinks_m: f32| {
+            let share = |i: u32| (i as f32 / 30.0).min(1.0);
+            let frame = |i: u32| PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: (0..6)
+                    .map(|k| RadarPoint {
+                        y_m: 2.0 + way_m * share(i),
+                        z_m: 0.1 * k as f32 - sinks_m * share(i),
+                        ..RadarPoint::default()
+                    })
+                    .collect(),
+                board: None,
+            };
+            let frames: Vec<PointFrame> = (0..40).map(frame).collect();
+            let person = TrackedPerson {
+                tracker: Tracker::Points,
+                track: 1,
+                samples: (0..40)
+                    .map(|i| Sample {
+                        t_s: f64::from(i) / 10.0,
+                        place_m: [0.0, 2.0 + way_m * share(i)],
+                        height_m: None,
+                        upward_mps: None,
+                    })
+                    .collect(),
+            };
+            let walk = State {
+                track: 1,
+                start_s: 0.0,
+                end_s: 3.0,
+                activity: Activity::Walks,
+                probability: 0.8,
+                places_m: [[0.0, 2.0], [0.0, 2.0 + way_m]],
+                between_m: [2.0, 2.0 + way_m],
+            };
+            sinks(&frames, &person, &walk)
+        };
+        assert!(sinks_by(1.0, 1.0));
+        assert!(!sinks_by(1.0, 0.2));
+        assert!(!sinks_by(2.0, 1.0));
     }
 
     /// Most of a body on the spot is slow and goes with the static points; what is left of it moves its middle.

@@ -63,6 +63,7 @@ pub fn read_site(path: &Path) -> Result<Site> {
         standing_m: file.standing_m,
         walking_s: file.walking_s.max(0.0),
         is_height_assumed: false,
+        stated_height_m: None,
     })
 }
 
@@ -80,6 +81,7 @@ mod tests {
             standing_m: -0.3,
             walking_s: 42.0,
             is_height_assumed: false,
+            stated_height_m: None,
         };
         let text = site_to_toml(&site).unwrap();
         std::fs::write(&path, &text).unwrap();

@@ -13,6 +13,8 @@
 //! frames is not stated. Recordings that follow each other in one table are separated by [`RUN_GAP_FRAMES`] frames, so that
 //! nothing is joined across them.
 
+use std::collections::BTreeMap;
+
 use radarllm_base::{BoardReport, BoardTrack};
 
 use super::{
@@ -265,20 +267,51 @@ fn without_flat_heights(table: &mut TrackTable) {
             .flat_map(|b| &b.tracks)
     };
     let n_flat = tracks().filter(|t| is_flat(t)).count();
-    if n_flat * 10 < tracks().count() * 9 {
+    if n_flat * 10 >= tracks().count() * 9 {
+        table
+            .notes
+            .push("all tracks are at the height of the radar: the board tracked in a plane".into());
+        for track in tracks_of(table) {
+            track.height_m = None;
+        }
         return;
     }
-    table
-        .notes
-        .push("all tracks are at the height of the radar: the board tracked in a plane".into());
-    for track in table
-        .frames
-        .iter_mut()
-        .flat_map(|f| &mut f.board)
-        .flat_map(|b| &mut b.tracks)
-    {
-        track.height_m = None;
+    without_flat_stretches(table);
+}
+
+/// Takes away heights that are 0 for seconds: some tables join recordings of a tracker in a plane with others.
+fn without_flat_stretches(table: &mut TrackTable) {
+    /// Heights of people change by more within as many frames.
+    const FLAT_M: f32 = 0.02;
+    const MIN_FRAMES: usize = 20;
+    let is_flat = |z_m: Option<f32>| z_m.is_some_and(|z_m| z_m.abs() < FLAT_M);
+    let mut n_flat = 0;
+    let mut heights: BTreeMap<u32, Vec<&mut Option<f32>>> = BTreeMap::new();
+    for track in tracks_of(table) {
+        let of_track = heights.entry(track.id).or_default();
+        of_track.push(&mut track.height_m);
     }
+    for of_track in heights.values_mut() {
+        for stretch in of_track.chunk_by_mut(|a, b| is_flat(**a) == is_flat(**b)) {
+            let has_none = stretch.first().is_some_and(|z_m| is_flat(**z_m));
+            if has_none && stretch.len() >= MIN_FRAMES {
+                n_flat += stretch.len();
+                stretch.iter_mut().for_each(|z_m| **z_m = None);
+            }
+        }
+    }
+    if n_flat > 0 {
+        table.notes.push(format!(
+            "{n_flat} tracks are at the height of the radar for {MIN_FRAMES} frames or more: the board tracked in a plane \
+             meanwhile"
+        ));
+    }
+}
+
+/// The tracks of all frames.
+fn tracks_of(table: &mut TrackTable) -> impl Iterator<Item = &mut BoardTrack> {
+    let boards = table.frames.iter_mut().flat_map(|f| &mut f.board);
+    boards.flat_map(|b| &mut b.tracks)
 }
 
 #[cfg(test)]
@@ -350,5 +383,30 @@ mod tests {
         let error = read_track_table(&TABLE.replace("7,1,65", "7,1,6.5")).unwrap_err();
         assert_eq!(error.at, Place::Line(2));
         assert_eq!(read_track_table("tid,posy,posz\n").unwrap().frames, []);
+    }
+
+    /// A table of two recordings, of which the first one was tracked in a plane.
+    #[test]
+    fn heights_that_are_nearly_zero_for_seconds_are_none() {
+        let table = |n_flat: usize| {
+            let mut text = String::from("frame,tid,posy,posz\n");
+            for n in 0..n_flat {
+                text += &format!("{n},0,2.5,{}\n", [0.001, -0.004][n % 2]);
+            }
+            for n in n_flat..n_flat + 30 {
+                text += &format!("{n},0,2.5,{}\n", 0.3 + 0.01 * (n % 7) as f32);
+            }
+            let table = read_track_table(&text).unwrap();
+            let boards = table.frames.iter().flat_map(|f| &f.board);
+            let heights: Vec<Option<f32>> =
+                boards.flat_map(|b| &b.tracks).map(|t| t.height_m).collect();
+            (heights, table.notes)
+        };
+        let (heights, notes) = table(40);
+        assert!(heights[..40].iter().all(Option::is_none));
+        assert!(heights[40..].iter().all(Option::is_some));
+        assert!(notes.iter().any(|n| n.contains("40 tracks")), "{notes:?}");
+        // For a second, somebody may be at that height.
+        assert!(table(10).0.iter().all(Option::is_some));
     }
 }

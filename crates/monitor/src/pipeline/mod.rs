@@ -33,7 +33,7 @@ use radarllm_tracking::LiveTrack;
 use crate::activities::{Activities, ActivityOptions, Label, Row, WindowCaption, WindowReading};
 use crate::clock::{StreamClock, Tick};
 use crate::counters::Counters;
-use crate::falls::{EarlierFall, FALL, FallEvent, FallState};
+use crate::falls::{EarlierFall, FALL, FallEvent, FallState, SuspectBy};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
 use crate::options::{OptionError, has_passed, within};
 use crate::people::UNTRACKED;
@@ -56,9 +56,22 @@ const HEALTH_S: f64 = 5.0;
 
 /// Writes a sentence about the points of a person.
 pub trait Describe: Send {
-    /// Describes a window of one person, without static clutter. `reported` are all points that the radar reported
-    /// meanwhile, static ones as well, if they may be this person's alone.
-    fn describe(&mut self, clip: &Clip, reported: Option<Clip>) -> Described;
+    /// Describes a window of one person, without static clutter.
+    fn describe(&mut self, clip: &Clip, context: WindowContext) -> Described;
+
+    /// Whether falls before this radar are measured in windows, so that heights that mean nothing need not suspect them.
+    fn measures_falls(&self, _stream: &StreamInfo) -> bool {
+        false
+    }
+}
+
+/// What is known of a window beside its points.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WindowContext {
+    /// All points that the radar reported meanwhile, static ones as well, if they may be this person's alone.
+    pub reported: Option<Clip>,
+    /// Whether the person fell before and has not risen.
+    pub is_down: bool,
 }
 
 /// What was written about a window.
@@ -217,11 +230,18 @@ impl Pipeline {
             [-100.0, 100.0],
             "-100 to 100 m",
         )?;
+        let mut watch = Watch::new(&options.watch, stream.radar_height_m)?;
+        if describe.measures_falls(&stream) {
+            watch.suspect_by(match stream.is_height_assumed {
+                true => SuspectBy::Measuring,
+                false => SuspectBy::HeightsOfPoints,
+            });
+        }
         Ok(Self {
             clock: StreamClock::new(stream.frame_period_s)?,
             empty: EmptyRoom::new(options.learn_empty_s)?,
             surroundings: Surroundings::new(stream.clutter),
-            watch: Watch::new(&options.watch, stream.radar_height_m)?,
+            watch,
             activities: Activities::new(options.activities)?,
             windows: Windows::new(options.windows)?,
             pace: Pace::new(options.windows.stride_s),
@@ -476,8 +496,12 @@ impl Pipeline {
         };
         let began = Instant::now();
         let reported = self.windows.reported().filter(|_| is_alone);
-        let reported = reported.map(|frames| clip.with_frames(frames));
-        let described = self.describe.describe(&clip, reported);
+        let mut open = self.watch.open_falls().iter();
+        let context = WindowContext {
+            reported: reported.map(|frames| clip.with_frames(frames)),
+            is_down: open.any(|fall| fall.tracked_as() == Some(window.person)),
+        };
+        let described = self.describe.describe(&clip, context);
         match &described {
             Described::Failed { error } => self.counters.model_failed(model_problem(error)),
             _ => self.counters.described(began.elapsed()),

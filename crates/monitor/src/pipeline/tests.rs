@@ -13,7 +13,7 @@ const START_MS: i64 = 1_795_455_492_000;
 struct ByHeight(Arc<Mutex<Vec<Clip>>>);
 
 impl Describe for ByHeight {
-    fn describe(&mut self, clip: &Clip, _: Option<Clip>) -> Described {
+    fn describe(&mut self, clip: &Clip, _: WindowContext) -> Described {
         self.0.lock().unwrap().push(clip.clone());
         let heights = clip.frames.iter().flat_map(|f| &f.points).map(|p| p.z_m);
         let highest_m = heights.fold(f32::NEG_INFINITY, f32::max);
@@ -190,7 +190,7 @@ struct Falls {
 }
 
 impl Describe for Falls {
-    fn describe(&mut self, _: &Clip, _: Option<Clip>) -> Described {
+    fn describe(&mut self, _: &Clip, _: WindowContext) -> Described {
         Described::Sentence {
             caption: "a person falls 2.0 m away".into(),
             actions: vec!["fall".into()],
@@ -225,7 +225,7 @@ fn a_measured_fall_is_suspected_whatever_the_heights_are() {
 struct SitsThenWalks;
 
 impl Describe for SitsThenWalks {
-    fn describe(&mut self, clip: &Clip, _: Option<Clip>) -> Described {
+    fn describe(&mut self, clip: &Clip, _: WindowContext) -> Described {
         let end_s = clip.frames.last().map_or(0.0, |frame| frame.time_s);
         let (caption, action) = match end_s < 15.0 {
             true => ("a person sits", "sit_still"),
@@ -480,7 +480,7 @@ struct Recovering {
 }
 
 impl Describe for Recovering {
-    fn describe(&mut self, _: &Clip, _: Option<Clip>) -> Described {
+    fn describe(&mut self, _: &Clip, _: WindowContext) -> Described {
         match self.n_failures.checked_sub(1) {
             Some(left) => {
                 self.n_failures = left;
@@ -540,7 +540,8 @@ type Counts = (usize, Option<usize>);
 struct Reported(Arc<Mutex<Vec<Counts>>>);
 
 impl Describe for Reported {
-    fn describe(&mut self, clip: &Clip, reported: Option<Clip>) -> Described {
+    fn describe(&mut self, clip: &Clip, context: WindowContext) -> Described {
+        let reported = context.reported;
         let times = |clip: &Clip| -> Vec<f64> { clip.frames.iter().map(|f| f.time_s).collect() };
         assert!(
             reported
