@@ -223,15 +223,8 @@ impl Captioner {
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
         let is_learned = self.knows_board(clip);
-        if let Some(site) = &self.site
-            && self.measures
-            && !is_learned
-            && site.radar != clip.radar
-        {
-            return Err(Error::input(format!(
-                "the site was learned of the radar `{}`, and this is a recording of `{}`",
-                site.radar, clip.radar
-            )));
+        if let Some(site) = self.site.as_ref().filter(|_| self.measures && !is_learned) {
+            fits(site, clip)?;
         }
         let mut findings = Findings::default();
         // What is measured holds for every board; the actions of the model hold for those that it learned.
@@ -279,5 +272,26 @@ impl Captioner {
             findings.taught = taught_segments(clip.moving(), recogniser);
         }
         Ok(findings)
+    }
+}
+
+/// Refuses a site of another radar, or of one that was mounted elsewhere.
+fn fits(site: &Site, clip: &Clip) -> Result<()> {
+    /// Difference of two stated heights of one mounting, m.
+    const SAME_HEIGHT_M: f32 = 0.1;
+    if site.radar != clip.radar {
+        return Err(Error::input(format!(
+            "the site was learned of the radar `{}`, and this is a recording of `{}`",
+            site.radar, clip.radar
+        )));
+    }
+    let stated_m = (!clip.is_height_assumed).then_some(clip.radar_height_m);
+    match site.stated_height_m.zip(stated_m) {
+        Some((site_m, own_m)) if (site_m - own_m).abs() > SAME_HEIGHT_M => {
+            Err(Error::input(format!(
+                "the site was learned of a radar {site_m} m above the floor, and this is a recording of one at {own_m} m"
+            )))
+        }
+        _ => Ok(()),
     }
 }

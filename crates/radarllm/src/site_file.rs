@@ -22,6 +22,9 @@ struct SiteToml {
     standing_m: f32,
     /// Time of walking by which it was learned, s.
     walking_s: f32,
+    /// Stated height of the radar above the floor where it was learned, m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    stated_height_m: Option<f32>,
 }
 
 /// The text of a site's file.
@@ -34,6 +37,7 @@ pub fn site_to_toml(site: &Site) -> Result<String> {
         tilt_deg: site.tilt_rad.to_degrees(),
         standing_m: site.standing_m,
         walking_s: site.walking_s,
+        stated_height_m: site.stated_height_m,
     };
     toml::to_string(&file).map_err(Error::wrap)
 }
@@ -48,6 +52,11 @@ pub fn read_site(path: &Path) -> Result<Site> {
     let limits = [
         ("tilt_deg", file.tilt_deg, MAX_TILT_DEG),
         ("standing_m", file.standing_m, MAX_HEIGHT_M),
+        (
+            "stated_height_m",
+            file.stated_height_m.unwrap_or_default(),
+            MAX_HEIGHT_M,
+        ),
     ];
     for (name, value, limit) in limits {
         if value.is_nan() || value.abs() > limit {
@@ -63,7 +72,7 @@ pub fn read_site(path: &Path) -> Result<Site> {
         standing_m: file.standing_m,
         walking_s: file.walking_s.max(0.0),
         is_height_assumed: false,
-        stated_height_m: None,
+        stated_height_m: file.stated_height_m,
     })
 }
 
@@ -81,13 +90,14 @@ mod tests {
             standing_m: -0.3,
             walking_s: 42.0,
             is_height_assumed: false,
-            stated_height_m: None,
+            stated_height_m: Some(1.5),
         };
         let text = site_to_toml(&site).unwrap();
         std::fs::write(&path, &text).unwrap();
         let read = read_site(&path).unwrap();
         assert!((read.tilt_rad - 0.2).abs() < 1e-6);
         assert_eq!((read.radar, read.standing_m), (site.radar, -0.3));
+        assert_eq!(read.stated_height_m, Some(1.5));
         for broken in ["tilt_deg = nan", "tilt_deg = 1e9"] {
             let line = text.lines().find(|l| l.starts_with("tilt")).unwrap();
             std::fs::write(&path, text.replace(line, broken)).unwrap();

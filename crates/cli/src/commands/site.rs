@@ -44,6 +44,10 @@ struct Report {
 /// Time between recordings that are learned from together, s: nobody is tracked from one into the next.
 const BETWEEN_S: f64 = 10.0;
 
+fn stated_height_m(clip: &Clip) -> Option<f32> {
+    (!clip.is_height_assumed).then_some(clip.radar_height_m)
+}
+
 /// Learns a site from recordings of one radar.
 pub(crate) fn learn(clips: impl IntoIterator<Item = CliResult<Clip>>) -> CliResult<Site> {
     let mut all: Option<Clip> = None;
@@ -59,6 +63,13 @@ pub(crate) fn learn(clips: impl IntoIterator<Item = CliResult<Clip>>) -> CliResu
                 all.radar, clip.radar
             )));
         }
+        if let (Some(one_m), Some(other_m)) = (stated_height_m(all), stated_height_m(&clip))
+            && one_m != other_m
+        {
+            return Err(CliError::new(format!(
+                "the recordings are of a radar at two heights above the floor, {one_m} m and {other_m} m"
+            )));
+        }
         let shift_s = all.frames.last().map_or(0.0, |f| f.time_s + BETWEEN_S);
         all.frames.extend(clip.frames.into_iter().map(|mut frame| {
             frame.time_s += shift_s;
@@ -66,8 +77,10 @@ pub(crate) fn learn(clips: impl IntoIterator<Item = CliResult<Clip>>) -> CliResu
         }));
     }
     let all = all.ok_or_else(|| CliError::new("no recordings"))?;
-    Site::learn(&all.radar, &all.frames)
-        .map_err(|e| CliError::new(format!("the site cannot be learned: {e}")))
+    let mut site = Site::learn(&all.radar, &all.frames)
+        .map_err(|e| CliError::new(format!("the site cannot be learned: {e}")))?;
+    site.stated_height_m = stated_height_m(&all);
+    Ok(site)
 }
 
 /// Runs the command.

@@ -172,6 +172,14 @@ fn a_site_is_learned_once_and_belongs_to_its_radar() {
         "{error}"
     );
     let text = fs::read_to_string(&site).unwrap();
+    // Learned of a radar that hung higher.
+    fs::write(&site, format!("{text}stated_height_m = 2.0\n")).unwrap();
+    let describe = ["describe", &sit, "--frame-rate", "10", "--site", &site];
+    let error = refused(&[&describe[..], &["--radar-height-m", "1.5"]].concat());
+    assert!(
+        error.contains("a radar 2 m above the floor, and this is a recording of one at 1.5 m"),
+        "{error}"
+    );
     fs::write(&site, text.replace("unknown", "another board")).unwrap();
     let error = refused(&["describe", &sit, "--frame-rate", "10", "--site", &site]);
     assert!(
