@@ -162,13 +162,17 @@ pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
     falls
 }
 
-/// Whether a person is up again in the second after the landing: then the track went down alone.
+/// Whether a person is up again in one of the two seconds after the landing: then the track went down alone, or the person
+/// crouched.
 fn has_risen(person: &TrackedPerson, t_s: f64, standing_m: f32) -> bool {
     /// Part of the height of a fall below which somebody has risen.
     const RISEN: f32 = 0.8;
-    let after = person.between(t_s + LANDING_S, t_s + 2.0 * LANDING_S);
-    let height = quantile_nearest(after.iter().filter_map(|s| s.height_m), 0.5);
-    after.len() >= 5 && height.is_some_and(|z_m| standing_m - z_m < RISEN * FALLEN_M)
+    let is_up = |from_s: f64| {
+        let after = person.between(from_s, from_s + LANDING_S);
+        let height = quantile_nearest(after.iter().filter_map(|s| s.height_m), 0.5);
+        after.len() >= 5 && height.is_some_and(|z_m| standing_m - z_m < RISEN * FALLEN_M)
+    };
+    is_up(t_s + LANDING_S) || is_up(t_s + 2.0 * LANDING_S)
 }
 
 /// Whether a person walks after a time: who has fallen does not go on.

@@ -39,8 +39,10 @@ const POSTURE_NEIGHBOURS: usize = 4;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
 
-/// Time after a fall that tells whether it was one, s, and for how long somebody who is tracked may be lost meanwhile, s.
-const AFTER_FALL_S: f64 = 2.0;
+/// Time after a fall that tells whether it was one, s; less where nobody states the height of the radar, because the time
+/// before the fall has to be in the same window then. For how long somebody who is tracked may be lost meanwhile, s.
+const AFTER_FALL_S: f64 = 3.0;
+const AFTER_FALL_ASSUMED_S: f64 = 2.0;
 const STILL_TRACKED_S: f64 = 0.5;
 
 /// What a person does.
@@ -102,7 +104,11 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
     // does not.
     let is_known = |person: &TrackedPerson, fall: &Fall| {
         let goes_on = person.length_s() >= EVENT_S && end_s - person.end_s() < STILL_TRACKED_S;
-        !goes_on || end_s - fall.t_s >= AFTER_FALL_S
+        let after_s = match site.is_height_assumed {
+            true => AFTER_FALL_ASSUMED_S,
+            false => AFTER_FALL_S,
+        };
+        !goes_on || end_s - fall.t_s >= after_s
     };
     let falls_of_person = |person: &TrackedPerson| -> Vec<Fall> {
         let falls = match is_flat(person) {
@@ -542,7 +548,7 @@ mod tests {
             found.iter().any(|s| s.0 == Activity::Falls)
         };
         assert!(!falls(9.5, &|_| 2.0));
-        assert!(falls(12.0, &|_| 2.0));
+        assert!(falls(13.0, &|_| 2.0));
         // Who goes on has not fallen: the track sank alone.
         assert!(!falls(14.0, &|t| 2.0 + 0.5 * t as f32));
     }

@@ -882,7 +882,7 @@ mod tests {
             scene.monitor.suspect_by(suspect_by);
             let at = |height_m: f32| {
                 let mut one = at_height(1, height_m);
-                one.board = of_board.then(|| radarllm_base::BoardTrack {
+                one.board = of_board.then_some(radarllm_base::BoardTrack {
                     id: 1,
                     place_m: [0.0, 2.0],
                     height_m: Some(height_m - RADAR_M as f32),

@@ -530,9 +530,12 @@ impl DatasetConfig {
             .collect()
     }
 
-    /// The sources with some of their items, which were opened before: one list for each source, of items and recipes.
-    #[cfg(feature = "parquet")]
-    pub(crate) fn reopen_sources(
+    /// The sources with some of their items, which were opened before: one list for each source, of items and recipes
+    /// ([`Corpus::recipe`]).
+    ///
+    /// # Errors
+    /// A recipe of another source.
+    pub fn reopen_sources(
         &self,
         base: &Path,
         items: Vec<Vec<(CorpusItem, Value)>>,
