@@ -106,7 +106,7 @@ impl BuiltinRequest {
         self.n_frames(&mut actor) as f32 / FPS as f32
     }
 
-    /// Number of frames of [`Self::controls`], without what does not change it: smoothing takes most of the time.
+    /// Number of frames of [`Self::controls`], without smoothing and blending, which do not change it.
     fn n_frames(&self, actor: &mut Actor) -> usize {
         let mut n_frames = 0;
         for segment in &self.segments {
