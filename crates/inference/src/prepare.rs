@@ -95,6 +95,28 @@ impl<'a> PreparedClip<'a> {
         }
     }
 
+    /// The clip as a board would have sent it that tracks nobody.
+    pub fn without_tracks(&self) -> PreparedClip<'static> {
+        let of = |clip: &Clip| {
+            let frames = clip.frames.iter().cloned();
+            let frames = frames.map(|frame| PointFrame {
+                board: None,
+                ..frame
+            });
+            clip.with_frames(frames.collect())
+        };
+        let parted = self.parted.as_ref().map(|parted| {
+            Box::new(Parted {
+                moving: parted.moving.as_ref().map(of),
+                reported: of(&parted.reported),
+            })
+        });
+        PreparedClip {
+            clip: Cow::Owned(of(&self.clip)),
+            parted,
+        }
+    }
+
     /// A part of the clip: `n_frames` from a frame on, or as many as there are, with their times.
     pub fn part(&self, first: usize, n_frames: usize) -> PreparedClip<'static> {
         let within = |clip: &Clip| {

@@ -2,14 +2,25 @@
 
 use radarllm::{
     Captioner, Clip, DescribeOptions, Description, Error, PreparedClip, Segment, SiteLearner,
-    is_general,
+    is_general, measure::Posture,
 };
-use radarllm_monitor::activities::actions_of;
+use radarllm_monitor::activities::{MeasuredSpan, actions_of};
 use radarllm_monitor::pipeline::{Describe, Described, StreamInfo, WindowContext};
 
 /// Actions of measured postures.
+const STANDS: &str = "stand_still";
 const SITS: &str = "sit_still";
 const LIES: &str = "lie_still";
+
+/// The posture of a measured action.
+fn posture_of(action: &str) -> Option<Posture> {
+    match action {
+        STANDS => Some(Posture::Standing),
+        SITS => Some(Posture::Sitting),
+        LIES => Some(Posture::Lying),
+        _ => None,
+    }
+}
 
 /// Describes windows with a trained model. The site is learned of people whom the board tracks while they walk, unless it is
 /// given.
@@ -57,7 +68,7 @@ impl Captions {
             lie_down(&mut description);
         }
         let actions = stated(&description);
-        let mut measured = Vec::new();
+        let (mut measured, mut spans) = (Vec::new(), Vec::new());
         if self.captioner.measures(clip) {
             let taught = description.segments.iter().filter_map(|s| {
                 let name = s.taught.as_deref()?;
@@ -66,10 +77,21 @@ impl Captions {
             let taught: Vec<&str> = taught.flatten().collect();
             let is_measured = |action: &&String| !taught.contains(&action.as_str());
             measured = actions.iter().filter(is_measured).cloned().collect();
+            let segments = description.segments.iter();
+            spans.extend(
+                segments
+                    .filter(|s| s.taught.is_none())
+                    .map(|s| MeasuredSpan {
+                        start_s: s.start_s,
+                        end_s: s.end_s,
+                        action: s.actions.last().map_or_else(String::new, |a| (*a).into()),
+                    }),
+            );
         }
         Described::Sentence {
             actions,
             measured,
+            spans,
             confidence: (!description.segments.iter().all(is_general))
                 .then(|| description.confidence.into()),
             caption: description.caption,
@@ -132,7 +154,14 @@ impl Describe for Captions {
                     Some(reported) => clip.with_reported(reported),
                     None => clip,
                 };
-                self.captioner.describe_prepared(&clip, &options)
+                match context.is_down {
+                    // Who has not risen lies, whatever the height is taken for.
+                    true => self.captioner.describe_prepared(&clip, &options),
+                    false => {
+                        let before = context.before.as_deref().and_then(posture_of);
+                        self.captioner.describe_window(&clip, &options, before)
+                    }
+                }
             });
         match described {
             Ok(description) => match description.abstained {
@@ -349,7 +378,7 @@ mod tests {
         let mut stated = |reported: Option<Clip>| {
             let context = WindowContext {
                 reported,
-                is_down: false,
+                ..WindowContext::default()
             };
             match captions.describe(&clip(false), context) {
                 Described::Sentence {

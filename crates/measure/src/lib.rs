@@ -30,4 +30,4 @@ pub use people::{Sample, TrackedPerson, tracked_people};
 pub use posture::{Posture, PostureProbabilities};
 pub use sentences::sentence;
 pub use site::{Site, SiteError, SiteLearner};
-pub use states::{Activity, State, measure};
+pub use states::{Activity, Before, State, measure};

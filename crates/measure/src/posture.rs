@@ -15,14 +15,17 @@ pub enum Posture {
 
 /// Height below a standing person, m, at which standing and sitting are equally probable, and sitting and lying.
 ///
-/// A seated head is 0.4 to 0.5 m below a standing one, a lying one 1.4 m. The heights that boards track spread less: the
+/// A seated head is 0.4 to 0.5 m below a standing one, one of somebody who sits on the floor 0.8 m, a lying one 1.4 m. The
+/// heights that boards track spread less: the
 /// middle between those who stand and those who sit is at 0.13 m on one board (IWRL6432) and at 0.15 m on another
 /// (IWR6843ISK-ODS).
 ///
 /// The lower limit is of a person who is tracked 1.65 m above the floor while standing, and in proportion of another one: who
-/// lies is tracked near the floor, whatever part of the body the board tracks.
+/// lies is tracked near the floor, whatever part of the body the board tracks. It is the middle between sitting and lying on
+/// the floor; on the IWRL6432, people who sit are tracked 0.5 to 0.9 m lower than their site's standing person, and those who
+/// lie 1.3 to 1.4 m.
 const SITTING_M: f32 = 0.15;
-const LYING_M: f32 = 1.30;
+const LYING_M: f32 = 1.10;
 /// Standard deviations of the error of a height, m, at the two limits.
 const SITTING_ERROR_M: f32 = 0.12;
 const LYING_ERROR_M: f32 = 0.20;
@@ -52,6 +55,26 @@ impl PostureProbabilities {
             standing: 1.0 - lower,
             sitting: lower - lying,
             lying,
+        }
+    }
+
+    /// The mean of several, at least one.
+    pub fn mean(all: &[Self]) -> Self {
+        let n = all.len() as f32;
+        let mean = |of: fn(&Self) -> f32| all.iter().map(of).sum::<f32>() / n;
+        Self {
+            standing: mean(|p| p.standing),
+            sitting: mean(|p| p.sitting),
+            lying: mean(|p| p.lying),
+        }
+    }
+
+    /// The probability of a posture.
+    pub fn of_posture(&self, posture: Posture) -> f32 {
+        match posture {
+            Posture::Standing => self.standing,
+            Posture::Sitting => self.sitting,
+            Posture::Lying => self.lying,
         }
     }
 

@@ -120,6 +120,12 @@ impl Site {
         left * height_error_m.hypot(STATED_TILT_ERROR_RAD * distance_m)
     }
 
+    /// Whether heights at a distance from the radar, m, are known better than those of a track.
+    pub fn is_known_at(&self, distance_m: f32) -> bool {
+        const WELL_KNOWN_M: f32 = 0.1;
+        self.height_error_m(distance_m) < WELL_KNOWN_M
+    }
+
     /// Height above the floor at which a standing person is tracked, m: [`STANDING_M`] where nobody states the height of the
     /// radar.
     pub fn standing_above_floor_m(&self) -> f32 {
@@ -150,7 +156,11 @@ pub struct SiteLearner {
 impl SiteLearner {
     /// Adds the frames of a part.
     pub fn add(&mut self, frames: &[PointFrame]) {
-        let people = tracked_people(frames, None).unwrap_or_default();
+        self.add_people(&tracked_people(frames, None).unwrap_or_default());
+    }
+
+    /// Adds people who were tracked, with heights that no site corrected.
+    pub fn add_people(&mut self, people: &[TrackedPerson]) {
         let has_height = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
         self.has_heights |= people.iter().any(has_height);
         self.stretches.extend(people.iter().flat_map(walking));

@@ -27,15 +27,24 @@ const OTHER_PLACE_M: f32 = 0.6;
 /// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
 const SURE_BY_POINTS: f32 = 0.86;
 /// Probability of a posture from which on it is stated where the site is not known well: a wrong posture says less than
-/// none. The error of heights, m, up to which a site is known well: less than that of a track.
+/// none. The second one is for a radar whose height nobody states: it stands or hangs anywhere.
 const SURE_OF_POSTURE: f32 = 0.65;
-const WELL_KNOWN_M: f32 = 0.1;
+const SURE_OF_POSTURE_ASSUMED: f32 = 0.9;
+/// Probability from which on a posture is clear where the site is known well, and seconds after the beginning in which it counts
+/// for all of them; probability up to which a posture is wrong.
+const CLEAR_POSTURE: f32 = 0.8;
+const CLEAR_SOON: usize = 10;
+const WRONG_POSTURE: f32 = 0.05;
+/// Change of height, m, from which on somebody who stays may have changed the posture: whoever gets up or sits down is half a
+/// metre higher or lower afterwards, and the height of somebody who keeps still drifts by up to a quarter of a metre.
+const CHANGE_M: f32 = 0.3;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
 /// a moment.
 const WALKING: f32 = 0.5;
 /// Seconds before and after in which walking counts as well, and postures: heights of still people drift within seconds.
 const WALKING_NEIGHBOURS: usize = 2;
 const POSTURE_NEIGHBOURS: usize = 4;
+const HEIGHT_NEIGHBOURS: usize = 1;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
 
@@ -56,6 +65,19 @@ pub enum Activity {
     StaysSomehow,
     /// Falls.
     Falls,
+}
+
+/// What is known of a person before the first frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Before<'a> {
+    /// Nothing: a recording is looked at as a whole.
+    #[default]
+    Nothing,
+    /// The frames are a part of a recording, at whose beginning people of these tracks were in these postures.
+    Part(&'a [(u32, Posture)]),
+    /// The frames are a window of a running radar, at whose beginning the person was in this posture, if it is known. A
+    /// posture that is not sure is not stated: a later window would contradict it.
+    Window(Option<Posture>),
 }
 
 /// What a person does from one time to another.
@@ -85,7 +107,7 @@ impl State {
 }
 
 /// What the people whom the board tracks do, ordered by their beginnings; `None` if the frames have no report of a board.
-pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
+pub fn measure(frames: &[PointFrame], site: &Site, before: Before) -> Option<Vec<State>> {
     let people = tracked_people(frames, Some(site))?;
     // Only who is tracked in a plane has the falls of the points.
     let falls = match people.iter().any(is_flat) {
@@ -122,9 +144,16 @@ pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
             .filter_map(|fall| confirmed(frames, person, fall, site))
             .collect()
     };
+    let start_s = frames.first().map_or(0.0, |frame| frame.time_s);
+    // Who comes later is somebody else.
+    let before_of = |person: &TrackedPerson| match before {
+        Before::Window(_) if person.start_s() - start_s > STILL_TRACKED_S => Before::Window(None),
+        Before::Part(_) if person.start_s() - start_s > STILL_TRACKED_S => Before::Nothing,
+        before => before,
+    };
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
-        .flat_map(|p| states_of(p, site, &falls_of_person(p)))
+        .flat_map(|p| states_of(p, site, &falls_of_person(p), before_of(p)))
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Some(states)
@@ -148,12 +177,18 @@ fn is_flat(person: &TrackedPerson) -> bool {
 }
 
 /// What a person does who has these falls.
-pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<State> {
+pub fn states_of(
+    person: &TrackedPerson,
+    site: &Site,
+    falls: &[Fall],
+    before: Before,
+) -> Vec<State> {
     let seconds = seconds_of(person, site, falls);
     let mut states: Vec<State> = Vec::new();
     let are_down = are_down(&seconds);
-    for (i, second) in seconds.iter().enumerate() {
-        let (mut activity, mut probability) = activity_of(&seconds, i, falls);
+    let activities = activities_of(person, site, &seconds, falls, before);
+    for (i, (second, (mut activity, mut probability))) in seconds.iter().zip(activities).enumerate()
+    {
         if are_down[i] && activity == Activity::Stays(Posture::Sitting) {
             // Some boards track who lies as high as others track who sits.
             activity = Activity::Stays(Posture::Lying);
@@ -207,10 +242,10 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
     }
     let mut has_fallen = false;
     for state in &mut states {
-        let is_known = site.height_error_m(state.distances_m()[1]) < WELL_KNOWN_M;
+        let is_known = site.is_known_at(state.distances_m()[1]);
         // Who has just fallen lies where the height says so, even if it is not certain.
         if let Activity::Stays(_) = state.activity
-            && state.probability < SURE_OF_POSTURE
+            && state.probability < sure_of_posture(site)
             && !is_known
             && !has_fallen
         {
@@ -232,6 +267,13 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Sta
         });
     }
     states
+}
+
+fn sure_of_posture(site: &Site) -> f32 {
+    match site.is_height_assumed {
+        true => SURE_OF_POSTURE_ASSUMED,
+        false => SURE_OF_POSTURE,
+    }
 }
 
 /// Whether a person fell before each second and has not risen since.
@@ -392,8 +434,190 @@ fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second
     seconds
 }
 
-/// What a person does in a second, with its probability.
-fn activity_of(seconds: &[Second], at: usize, falls: &[Fall]) -> (Activity, f32) {
+/// What a person does in each second, with its probability.
+fn activities_of(
+    person: &TrackedPerson,
+    site: &Site,
+    seconds: &[Second],
+    falls: &[Fall],
+    before: Before,
+) -> Vec<(Activity, f32)> {
+    let mut activities: Vec<(Activity, f32)> = Vec::with_capacity(seconds.len());
+    let seen: Vec<Seen> = (0..seconds.len())
+        .map(|at| seen(seconds, at, falls))
+        .collect();
+    let mut kept = match before {
+        Before::Nothing => None,
+        Before::Part(known) => (known.iter().find(|known| known.0 == person.track)).map(|k| k.1),
+        Before::Window(posture) => posture,
+    };
+    // Runs of seconds in which the person stays, walks or falls.
+    let mut at = 0;
+    for run in seen.chunk_by(|a, b| a.kind() == b.kind()) {
+        let span = at..at + run.len();
+        at = span.end;
+        let is_after_fall = activities
+            .last()
+            .is_some_and(|last| last.0 == Activity::Falls);
+        match run[0] {
+            Seen::Stays(_) => {
+                let run: Vec<Stay> = (run.iter())
+                    .filter_map(|seen| match seen {
+                        Seen::Stays(stays) => Some(*stays),
+                        Seen::Other(..) => None,
+                    })
+                    .collect();
+                let states_unsure = !matches!(before, Before::Window(_)) || is_after_fall;
+                let [x_m, y_m] = seconds[span.start].places_m[0];
+                let is_known = site.is_known_at(x_m.hypot(y_m));
+                let sure = (!is_known).then(|| sure_of_posture(site));
+                let postures = postures_of(&run, &mut kept, states_unsure, sure);
+                activities.extend(postures.into_iter().map(|posture| match posture {
+                    Some((posture, probability)) => (Activity::Stays(posture), probability),
+                    None => (Activity::StaysSomehow, 1.0),
+                }));
+            }
+            Seen::Other(activity, _) => {
+                if activity != Activity::StaysSomehow && !is_shift(person, &seconds[span]) {
+                    kept = None;
+                }
+                let others = run.iter().map(|seen| match seen {
+                    Seen::Other(activity, probability) => (*activity, *probability),
+                    Seen::Stays(_) => (activity, 0.0),
+                });
+                activities.extend(others);
+            }
+        }
+    }
+    activities
+}
+
+/// The postures of successive seconds of somebody who stays, with their probabilities. `kept` is the posture before the first
+/// and after the last one, if it is known.
+///
+/// The person has one posture until the height changes as much as that of somebody who gets up or sits down: in between,
+/// heights drift. It is the one that is clear soon, or the most probable one over the time, or none. `sure` is the probability
+/// from which on a posture is stated where the site is not known well.
+fn postures_of(
+    run: &[Stay],
+    kept: &mut Option<Posture>,
+    states_unsure: bool,
+    sure: Option<f32>,
+) -> Vec<Option<(Posture, f32)>> {
+    let is_known = sure.is_none();
+    let mut postures = Vec::with_capacity(run.len());
+    let mut from = 0;
+    while from < run.len() {
+        let is_first = from == 0;
+        let known = kept.filter(|_| is_first);
+        let to = end_of_posture(run, from, known, is_known);
+        let part = &run[from..to];
+        let mean = mean_of(part).best();
+        let clear = || {
+            let mut soon = (0..part.len().min(CLEAR_SOON)).map(|at| around(part, at).best());
+            let clear = soon.find(|best| is_known && best.1 >= CLEAR_POSTURE);
+            clear.map(|best| best.0)
+        };
+        let states_mean = states_unsure || !is_first || sure.is_some_and(|sure| mean.1 >= sure);
+        let stated = (known.or_else(clear)).or_else(|| states_mean.then_some(mean.0));
+        *kept = stated;
+        from = to;
+        let Some(stated) = stated else {
+            postures.extend(part.iter().map(|_| None));
+            continue;
+        };
+        let probabilities: Vec<f32> = (0..part.len())
+            .map(|at| around(part, at).of_posture(stated))
+            .collect();
+        // What was clear once is as sure as then; what was known before is at least clear. Errors of a site that is not known
+        // well are the same all the time.
+        let min = known.map_or(0.0, |_| CLEAR_POSTURE);
+        let surest = probabilities.iter().copied().fold(min, f32::max);
+        let is_clear = is_known && surest >= CLEAR_POSTURE;
+        postures.extend(
+            (probabilities.iter()).map(|own| Some((stated, if is_clear { surest } else { *own }))),
+        );
+    }
+    postures
+}
+
+/// Where the posture ends that begins with a second, or that was known before it: the height changes by a step to that of
+/// another posture, or the posture is wrong.
+fn end_of_posture(run: &[Stay], from: usize, known: Option<Posture>, is_known: bool) -> usize {
+    let mut heights_m: Vec<f32> = Vec::new();
+    for to in from..run.len() {
+        let before = &run[from..to];
+        let now = || known.unwrap_or_else(|| mean_of(before).best().0);
+        let has_moved = || {
+            let mean_m = heights_m.iter().sum::<f32>() / heights_m.len() as f32;
+            let is_other = |stay: &Stay| {
+                (stay.height_m - mean_m).abs() >= CHANGE_M && stay.postures.best().0 != now()
+            };
+            run[to..].iter().take(2).all(is_other)
+        };
+        let is_wrong = || {
+            let probability = around(&run[from..], to - from).of_posture(now());
+            is_known && probability <= WRONG_POSTURE
+        };
+        if to > from && (has_moved() || is_wrong()) {
+            return to;
+        }
+        heights_m.push(run[to].height_m);
+    }
+    run.len()
+}
+
+fn mean_of(part: &[Stay]) -> PostureProbabilities {
+    let postures: Vec<PostureProbabilities> = part.iter().map(|stay| stay.postures).collect();
+    PostureProbabilities::mean(&postures)
+}
+
+/// The postures of a second and of those around it.
+fn around(part: &[Stay], at: usize) -> PostureProbabilities {
+    let from = at.saturating_sub(POSTURE_NEIGHBOURS);
+    mean_of(&part[from..(at + POSTURE_NEIGHBOURS + 1).min(part.len())])
+}
+
+/// Whether the walk of these seconds is a shift of somebody who stays.
+fn is_shift(person: &TrackedPerson, walk: &[Second]) -> bool {
+    let [Some(first), Some(last)] = [walk.first(), walk.last()] else {
+        return true;
+    };
+    let places: Vec<[f32; 2]> = walk.iter().flat_map(|second| second.places_m).collect();
+    person.tracker == Tracker::Board
+        && walk.iter().all(|second| !second.is_falling)
+        && last.end_s - first.start_s <= MAX_SHIFT_S
+        && extent_m(&places) < MIN_EXTENT_M
+}
+
+/// A second in which a person stays, by the heights of one second before and after it.
+#[derive(Clone, Copy, Debug)]
+struct Stay {
+    postures: PostureProbabilities,
+    /// Height above the radar, m.
+    height_m: f32,
+}
+
+/// What a second and those around it show.
+#[derive(Clone, Copy, Debug)]
+enum Seen {
+    /// The person stays.
+    Stays(Stay),
+    /// Something else, with its probability.
+    Other(Activity, f32),
+}
+
+impl Seen {
+    /// The activity, if it is known already.
+    fn kind(&self) -> Option<Activity> {
+        match self {
+            Self::Stays(_) => None,
+            Self::Other(activity, _) => Some(*activity),
+        }
+    }
+}
+
+fn seen(seconds: &[Second], at: usize, falls: &[Fall]) -> Seen {
     let second = &seconds[at];
     if second.is_falling {
         let middle_s = 0.5 * (second.start_s + second.end_s);
@@ -401,37 +625,37 @@ fn activity_of(seconds: &[Second], at: usize, falls: &[Fall]) -> (Activity, f32)
         let nearest = falls
             .iter()
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
-        return (Activity::Falls, nearest.map_or(0.5, |f| f.probability));
+        return Seen::Other(Activity::Falls, nearest.map_or(0.5, |f| f.probability));
     }
     let around = |n: usize| &seconds[at.saturating_sub(n)..(at + n + 1).min(seconds.len())];
     let near = around(WALKING_NEIGHBOURS);
     let n_walking = near.iter().filter(|s| s.is_walking).count() as f32;
     let walking = n_walking / near.len() as f32;
     if walking >= WALKING {
-        return (Activity::Walks, walking);
+        return Seen::Other(Activity::Walks, walking);
     }
     // Heights of somebody who walks or falls say nothing of the posture before and after.
-    let still = around(POSTURE_NEIGHBOURS)
-        .iter()
-        .filter(|s| !s.is_walking && !s.is_falling);
-    let known: Vec<PostureProbabilities> = still.filter_map(|s| s.posture).collect();
-    let known = match known.is_empty() {
-        true => second.posture.into_iter().collect(),
-        false => known,
+    let known = |n: usize| -> Vec<(PostureProbabilities, f32)> {
+        let still = around(n).iter().filter(|s| !s.is_walking && !s.is_falling);
+        let of_second = |second: &Second| second.posture.zip(second.height_m);
+        still.filter_map(of_second).collect()
     };
-    if known.is_empty() {
-        return (Activity::StaysSomehow, 1.0 - walking);
+    // Where the second itself has no height, those farther away have.
+    let mut near = known(HEIGHT_NEIGHBOURS);
+    if near.is_empty() {
+        near = known(POSTURE_NEIGHBOURS);
     }
-    let mean = |of: fn(&PostureProbabilities) -> f32| {
-        known.iter().map(of).sum::<f32>() / known.len() as f32
-    };
-    let posture = PostureProbabilities {
-        standing: mean(|p| p.standing),
-        sitting: mean(|p| p.sitting),
-        lying: mean(|p| p.lying),
-    };
-    let (best, probability) = posture.best();
-    (Activity::Stays(best), probability)
+    if near.is_empty() {
+        near.extend(second.posture.zip(second.height_m));
+    }
+    if near.is_empty() {
+        return Seen::Other(Activity::StaysSomehow, 1.0 - walking);
+    }
+    let (postures, heights_m): (Vec<PostureProbabilities>, Vec<f32>) = near.into_iter().unzip();
+    Seen::Stays(Stay {
+        postures: PostureProbabilities::mean(&postures),
+        height_m: heights_m.iter().sum::<f32>() / heights_m.len() as f32,
+    })
 }
 
 /// Joins states that are too short to the state before, or the first to the one after.
@@ -469,7 +693,7 @@ mod tests {
 
     fn activities(at: impl Fn(f64) -> Option<[f32; 3]>, seconds: f64) -> Vec<(Activity, i32, i32)> {
         let site = Site::unlearned("board", 1.5);
-        let states = measure(&frames(seconds, at), &site).unwrap();
+        let states = measure(&frames(seconds, at), &site, Before::Nothing).unwrap();
         let row = |s: &State| (s.activity, s.start_s.round() as i32, s.end_s.round() as i32);
         states.iter().map(row).collect()
     }
@@ -512,17 +736,17 @@ mod tests {
         );
     }
 
-    /// A board that tracks the chest of who lies, 0.9 m below who stands: whoever fell lies until rising.
+    /// A board that tracks the chest of who lies, 1.15 m below who stands: whoever fell lies until rising.
     #[test]
     fn who_fell_lies_and_who_sat_down_sits() {
-        let kinds = |speed_mps: f32, chair: bool| {
-            let down_s = f64::from(1.15 / speed_mps);
+        let kinds = |speed_mps: f32, below_m: f32, chair: bool| {
+            let down_s = f64::from(below_m / speed_mps);
             let at = move |t: f64| match t {
                 t if t < 8.0 => Some([2.0, 0.15, 0.0]),
                 t if t < 8.0 + down_s => {
                     Some([2.0, 0.15 - speed_mps * (t - 8.0) as f32, -speed_mps])
                 }
-                t if t < 20.0 || !chair => Some([2.0, -1.0, 0.0]),
+                t if t < 20.0 || !chair => Some([2.0, 0.15 - below_m, 0.0]),
                 _ => Some([2.0, -0.5, 0.0]),
             };
             let found = activities(at, 40.0);
@@ -530,9 +754,12 @@ mod tests {
         };
         let [stands, sits, lies] =
             [Posture::Standing, Posture::Sitting, Posture::Lying].map(Activity::Stays);
-        assert_eq!(kinds(1.6, false), [stands, Activity::Falls, lies]);
-        assert_eq!(kinds(1.6, true), [stands, Activity::Falls, lies, sits]);
-        assert_eq!(kinds(0.5, false), [stands, sits]);
+        assert_eq!(kinds(1.6, 1.15, false), [stands, Activity::Falls, lies]);
+        assert_eq!(
+            kinds(1.6, 1.15, true),
+            [stands, Activity::Falls, lies, sits]
+        );
+        assert_eq!(kinds(0.5, 0.8, false), [stands, sits]);
     }
 
     /// A window of a running radar may end before it is known what follows a fall; the next one does not.
@@ -572,7 +799,12 @@ mod tests {
                 track: 1,
                 samples: (0..240).map(sample).collect(),
             };
-            states_of(&person, &Site::unlearned("board", 1.0), &[])
+            states_of(
+                &person,
+                &Site::unlearned("board", 1.0),
+                &[],
+                Before::Nothing,
+            )
         };
         let walks = |states: Vec<State>| states.iter().any(|s| s.activity == Activity::Walks);
         assert!(!walks(states(0.9, Tracker::Points)));
@@ -595,7 +827,12 @@ mod tests {
                 track: 1,
                 samples: (0..60).map(sample).collect(),
             };
-            let states = states_of(&person, &Site::unlearned("board", 1.0), &[]);
+            let states = states_of(
+                &person,
+                &Site::unlearned("board", 1.0),
+                &[],
+                Before::Nothing,
+            );
             states.iter().all(|s| s.activity == Activity::Walks)
         };
         for (speed_mps, board, points) in
@@ -636,7 +873,7 @@ mod tests {
                 Some([y_m, -0.4, 0.0])
             };
             let site = Site::unlearned("board", 1.5);
-            let states = measure(&frames(60.0, at), &site).unwrap();
+            let states = measure(&frames(60.0, at), &site, Before::Nothing).unwrap();
             let sits = states.iter();
             let sits = sits.filter(|s| matches!(s.activity, Activity::Stays(Posture::Sitting)));
             sits.map(|s| (s.start_s.round() as i32, s.distances_m()[1]))
@@ -664,7 +901,7 @@ mod tests {
     fn a_site_that_is_not_known_gives_clear_postures_only() {
         let found = |below_m: f32, site: Site| {
             let at = |_: f64| Some([4.0, site.standing_m - below_m, 0.0]);
-            let states = measure(&frames(20.0, at), &site).unwrap();
+            let states = measure(&frames(20.0, at), &site, Before::Nothing).unwrap();
             states[0].activity
         };
         let unlearned = || Site::unlearned("board", 1.5);
@@ -679,8 +916,59 @@ mod tests {
         assert_eq!(found(0.7, unlearned()), Activity::Stays(Posture::Sitting));
         assert_eq!(found(0.25, unlearned()), Activity::StaysSomehow);
         assert_eq!(found(0.25, learned()), Activity::Stays(Posture::Sitting));
-        assert_eq!(found(1.35, unlearned()), Activity::StaysSomehow);
-        assert_eq!(found(1.35, learned()), Activity::Stays(Posture::Lying));
+        assert_eq!(found(1.15, unlearned()), Activity::StaysSomehow);
+        assert_eq!(found(1.15, learned()), Activity::Stays(Posture::Lying));
+    }
+
+    /// The height of somebody who keeps still drifts across the limit of a posture; who sits down or gets up is half a metre
+    /// lower or higher at once.
+    #[test]
+    fn a_posture_changes_with_a_step_of_the_height() {
+        let site = Site {
+            walking_s: 300.0,
+            ..Site::unlearned("board", 1.5)
+        };
+        let found = |below_m: &dyn Fn(f32) -> f32, seconds: f64, before: Before| {
+            let at = |t: f64| Some([2.0, site.standing_m - below_m(t as f32), 0.0]);
+            let states = measure(&frames(seconds, at), &site, before).unwrap();
+            let row = |s: &State| (s.activity, s.start_s.round() as i32, s.end_s.round() as i32);
+            states.iter().map(row).collect::<Vec<_>>()
+        };
+        let [stands, sits] = [Posture::Standing, Posture::Sitting].map(Activity::Stays);
+        let drifts = |t: f32| 0.05 + 0.2 * (t / 10.0).sin().max(0.0);
+        assert_eq!(found(&drifts, 60.0, Before::Nothing), [(stands, 0, 60)]);
+        let sits_down = |t: f32| if t < 30.0 { 0.0 } else { 0.45 };
+        let changed = found(&sits_down, 60.0, Before::Nothing);
+        let [(a, 0, then_s), (b, _, 60)] = changed[..] else {
+            panic!("{changed:?}")
+        };
+        assert_eq!((a, b), (stands, sits));
+        assert!((28..=32).contains(&then_s), "{changed:?}");
+        // A window of a running radar goes on with what was known, states nothing that is not clear, and shows a change.
+        let doubtful = |_: f32| 0.2;
+        let before = |posture| Before::Window(posture);
+        let [standing, sitting] = [Posture::Standing, Posture::Sitting].map(Some);
+        assert_eq!(found(&doubtful, 6.0, before(standing)), [(stands, 0, 6)]);
+        assert_eq!(found(&doubtful, 6.0, before(sitting)), [(sits, 0, 6)]);
+        let unsure = found(&doubtful, 6.0, before(None));
+        assert_eq!(unsure, [(Activity::StaysSomehow, 0, 6)]);
+        assert_eq!(found(&|_| 0.5, 6.0, before(None)), [(sits, 0, 6)]);
+        let gets_up = |t: f32| if t < 2.0 { 0.5 } else { 0.0 };
+        let changed = found(&gets_up, 6.0, before(sitting));
+        let [(a, 0, _), (b, _, 6)] = changed[..] else {
+            panic!("{changed:?}")
+        };
+        assert_eq!((a, b), (sits, stands));
+        // What was known wrongly is given up where the height is certain.
+        assert_eq!(
+            found(&|_| 0.9, 6.0, before(standing)).last().unwrap().0,
+            sits
+        );
+        // A part of a recording goes on with the posture of the same track.
+        let known = [(3, Posture::Standing)];
+        let part = |known| found(&doubtful, 6.0, Before::Part(known));
+        assert_eq!(part(&known), [(stands, 0, 6)]);
+        assert_eq!(part(&[(2, Posture::Standing)]), [(sits, 0, 6)]);
     }
 
     /// A track that sinks by itself is no fall: the points of the person stay up.
@@ -705,7 +993,7 @@ mod tests {
                 };
                 frame.points = vec![point; per_frame];
             }
-            let states = measure(&frames, &Site::unlearned("board", 1.5)).unwrap();
+            let states = measure(&frames, &Site::unlearned("board", 1.5), Before::Nothing).unwrap();
             states.iter().any(|s| s.activity == Activity::Falls)
         };
         assert!(!falls(-0.2, 4));
@@ -725,11 +1013,15 @@ mod tests {
         {
             track.height_m = None;
         }
-        let states = measure(&flat, &Site::unlearned("board", 1.0)).unwrap();
+        let states = measure(&flat, &Site::unlearned("board", 1.0), Before::Nothing).unwrap();
         assert_eq!(states.len(), 1);
         assert_eq!(states[0].activity, Activity::StaysSomehow);
         assert_eq!(
-            measure(&[PointFrame::default()], &Site::unlearned("board", 1.0)),
+            measure(
+                &[PointFrame::default()],
+                &Site::unlearned("board", 1.0),
+                Before::Nothing
+            ),
             None
         );
     }

@@ -7,7 +7,8 @@
 //! A **row** is an action in a run of windows; one window between that does not state it, or states nothing, is bridged.
 //! As all windows of the run contain the action, it is from the start of the last window to the end of the first one. If
 //! these do not overlap, the action goes on, and the row is from the start of the first window to the end of the last
-//! one. The row has the sentence of the middle window.
+//! one. An action that is measured has its own beginning and end in each window, which are those of the row. The row has the
+//! sentence of the middle window.
 //!
 //! A short row is reported once, when its run has ended, because its start moves until then. A row that goes on is
 //! reported as soon as it is known to go on, and again whenever it grows; then its start stays and its end only moves
@@ -28,6 +29,8 @@ use crate::rows::{Activity, Growth};
 pub const MAX_ROW_S: f64 = 43_200.0;
 /// Windows that may be missing within a run.
 const BRIDGED: u32 = 1;
+/// Time between two measurements of an action, s, from which on they are two rows.
+const APART_S: f64 = 2.0;
 /// Most actions of a window that are looked at. A sentence states one to three.
 pub const MAX_ACTIONS: usize = 8;
 /// Time after the end of the last window after which a person's rows end, s, when windows of others go on.
@@ -89,6 +92,8 @@ pub struct WindowReading {
     pub actions: Vec<String>,
     /// Those of the actions that something else than the sentence shows as well: for their rows one window is enough.
     pub certain: Vec<String>,
+    /// What was measured, in order of time: its rows begin and end then.
+    pub spans: Vec<MeasuredSpan>,
     /// Number of the person's points.
     pub n_points: u32,
 }
@@ -102,6 +107,17 @@ pub struct WindowCaption {
     pub confidence: Option<f64>,
     /// Where the person was, m.
     pub place_m: Option<[f64; 2]>,
+}
+
+/// An action that was measured of a person, with its beginning and its end in a window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeasuredSpan {
+    /// Beginning, s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// The action.
+    pub action: String,
 }
 
 /// Actions of the clauses of a sentence by its words, in order of time: for models without a namer of their own.
@@ -243,6 +259,8 @@ struct Person {
     published: Option<(String, f64)>,
     /// The measured actions of the last window that had some.
     measured: Vec<String>,
+    /// What was measured in the last window, in order of time.
+    spans: Vec<MeasuredSpan>,
 }
 
 /// An action in windows of which at most [`BRIDGED`] in succession do not state it.
@@ -253,6 +271,8 @@ struct Run {
     row: Option<u64>,
     first_s: [f64; 2],
     last_s: [f64; 2],
+    /// Beginning and end, if all windows measure the action.
+    measured_s: Option<[f64; 2]>,
     n_windows: u32,
     n_points: u32,
     n_missing: u32,
@@ -331,6 +351,17 @@ impl Activities {
         let added = all.iter().filter(|action| !stated.contains(action));
         measured.extend(added.cloned());
         all
+    }
+
+    /// The action that was measured of a person at a time of the last window; at its end, if the time is later by less than a
+    /// gap.
+    pub fn measured_at(&self, person: u32, t_s: f64) -> Option<String> {
+        let spans = &self.people.get(&person)?.spans;
+        let last = spans
+            .last()
+            .filter(|last| !is_over(last.end_s, t_s, MAX_GAP_S));
+        let span = spans.iter().find(|span| span.end_s > t_s).or(last);
+        span.map(|span| span.action.clone())
     }
 
     /// Somebody has another number from now on, as after a track was lost: what the person does goes on. Rows of a former
@@ -412,6 +443,7 @@ impl Person {
     fn relabel(&mut self, reading: &WindowReading) {
         self.window_s = Some([reading.start_s, reading.end_s]);
         self.n_points = reading.n_points;
+        self.spans.clone_from(&reading.spans);
         self.is_unseen = reading.caption.is_none();
         let action = match reading.caption {
             Some(_) => reading.actions.last().cloned(),
@@ -443,7 +475,7 @@ impl Person {
             };
             let found = self.runs.iter().position(|run| &run.action == action);
             match found {
-                Some(at) if !self.runs[at].is_too_long(reading) => {
+                Some(at) if !self.runs[at].ends_before(reading) => {
                     self.runs[at].extend(reading, caption);
                 }
                 _ => {
@@ -457,6 +489,14 @@ impl Person {
     }
 }
 
+/// When an action begins and ends in a window that measures it.
+fn measured_s(action: &str, reading: &WindowReading) -> Option<[f64; 2]> {
+    let spans = reading.spans.iter().filter(|span| span.action == action);
+    spans
+        .map(|span| [span.start_s, span.end_s])
+        .reduce(|all, one| [all[0].min(one[0]), all[1].max(one[1])])
+}
+
 impl Run {
     fn new(action: &str, reading: &WindowReading, caption: &WindowCaption) -> Self {
         let window_s = [reading.start_s, reading.end_s];
@@ -465,6 +505,7 @@ impl Run {
             row: None,
             first_s: window_s,
             last_s: window_s,
+            measured_s: measured_s(action, reading),
             n_windows: 0,
             n_points: 0,
             n_missing: 0,
@@ -478,14 +519,22 @@ impl Run {
     fn extend(&mut self, reading: &WindowReading, caption: &WindowCaption) {
         self.captions.push(self.n_windows, caption);
         self.last_s = [reading.start_s, reading.end_s.max(self.last_s[1])];
+        let measured_s = self.measured_s.zip(measured_s(&self.action, reading));
+        self.measured_s =
+            measured_s.map(|([start_s, end_s], own_s)| [start_s, end_s.max(own_s[1])]);
         self.n_windows += 1;
         self.n_points = self.n_points.saturating_add(reading.n_points);
         self.n_missing = 0;
         self.is_certain |= reading.certain.contains(&self.action);
     }
 
-    fn is_too_long(&self, reading: &WindowReading) -> bool {
-        is_over(self.first_s[0], reading.end_s, MAX_ROW_S)
+    /// Whether the run ends, so that a window that states the action begins another one: the row would be too long, or the
+    /// action was measured at two times that are apart.
+    fn ends_before(&self, reading: &WindowReading) -> bool {
+        let measured_s = self.measured_s.zip(measured_s(&self.action, reading));
+        let is_apart =
+            measured_s.is_some_and(|(before_s, own_s)| is_over(before_s[1], own_s[0], APART_S));
+        is_apart || is_over(self.first_s[0], reading.end_s, MAX_ROW_S)
     }
 
     /// Whether the first and the last window do not overlap.
@@ -494,9 +543,10 @@ impl Run {
     }
 
     fn span_s(&self) -> [f64; 2] {
-        match self.goes_on() {
-            true => [self.first_s[0], self.last_s[1]],
-            false => [self.last_s[0], self.first_s[1]],
+        match (self.measured_s, self.goes_on()) {
+            (Some(measured_s), _) => measured_s,
+            (None, true) => [self.first_s[0], self.last_s[1]],
+            (None, false) => [self.last_s[0], self.first_s[1]],
         }
     }
 
@@ -575,6 +625,7 @@ mod tests {
             }),
             actions: actions.iter().map(|a| (*a).to_string()).collect(),
             certain: Vec::new(),
+            spans: Vec::new(),
             n_points: 100,
         }
     }
@@ -690,6 +741,54 @@ mod tests {
         let found = spans(&["w", "ws", "ws", "ws", "s"]);
         assert_eq!(found, [span("w", 0.0, 12.0, 4), span("s", 2.0, 14.0, 4)]);
         assert!(spans(&["", "", ""]).is_empty());
+    }
+
+    /// Windows overlap, and what is measured in them has times of its own.
+    #[test]
+    fn a_measured_row_begins_and_ends_with_what_is_measured() {
+        let mut activities = activities();
+        let mut found = Vec::new();
+        let mut next = |number: u32, spans: &[(&str, f64, f64)]| {
+            let actions: Vec<&str> = spans.iter().map(|span| span.0).collect();
+            let of = |span: &(&str, f64, f64)| MeasuredSpan {
+                action: span.0.into(),
+                start_s: span.1,
+                end_s: span.2,
+            };
+            let reading = WindowReading {
+                spans: spans.iter().map(of).collect(),
+                ..reading(number, &actions)
+            };
+            found.extend(activities.push(&reading));
+            assert_eq!(activities.measured_at(1, 0.0), Some(spans[0].0.into()));
+            let last = spans.last().unwrap();
+            let end_s = last.2 + MAX_GAP_S;
+            assert_eq!(activities.measured_at(1, end_s), Some(last.0.into()));
+            assert_eq!(activities.measured_at(1, end_s + 0.1), None);
+        };
+        // Walks until 5 s, stands until 11 s, and walks again.
+        next(0, &[("walk", 0.0, 5.0), ("stand_still", 5.0, 6.0)]);
+        next(1, &[("walk", 2.0, 5.0), ("stand_still", 5.0, 8.0)]);
+        next(2, &[("walk", 4.0, 5.0), ("stand_still", 5.0, 10.0)]);
+        next(3, &[("stand_still", 6.0, 11.0), ("walk", 11.0, 12.0)]);
+        next(4, &[("stand_still", 8.0, 11.0), ("walk", 11.0, 14.0)]);
+        assert_eq!(activities.measured_at(1, 10.0), Some("stand_still".into()));
+        assert_eq!(activities.measured_at(1, 11.5), Some("walk".into()));
+        assert_eq!(activities.measured_at(2, 11.5), None);
+        found.extend(activities.end_all());
+        let mut ended: Vec<(&str, f64, f64)> = (found.iter())
+            .filter(|row| !row.is_open)
+            .map(|row| (&row.action[..], row.start_s, row.end_s))
+            .collect();
+        ended.sort_by(|a, b| a.1.total_cmp(&b.1));
+        assert_eq!(
+            ended,
+            [
+                ("walk", 0.0, 5.0),
+                ("stand_still", 5.0, 11.0),
+                ("walk", 11.0, 14.0)
+            ]
+        );
     }
 
     #[test]

@@ -4,7 +4,7 @@ use radarllm_base::Clip;
 use radarllm_inference::{DescribeOptions, Description, PreparedClip, lm::NO_PERSON};
 use radarllm_io::{Error, Result};
 
-use radarllm_measure::Site;
+use radarllm_measure::{Before, Posture, Site};
 use radarllm_teach::{Memory, Recogniser};
 
 use crate::{
@@ -167,7 +167,23 @@ impl Captioner {
         options: &DescribeOptions,
         site: Option<&Site>,
     ) -> Result<Description> {
-        let findings = self.findings(clip, options, self.site.as_ref().or(site))?;
+        let site = self.site.as_ref().or(site);
+        let findings = self.findings(clip, options, site, Before::Nothing)?;
+        Ok(findings.description(clip.duration_s()))
+    }
+
+    /// Describes a window of one person before a running radar, who was in this posture at its beginning, if it is known.
+    ///
+    /// # Errors
+    /// As [`Self::describe_prepared`].
+    pub fn describe_window(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+        posture: Option<Posture>,
+    ) -> Result<Description> {
+        let before = Before::Window(posture);
+        let findings = self.findings(clip, options, self.site.as_ref(), before)?;
         Ok(findings.description(clip.duration_s()))
     }
 
@@ -193,7 +209,11 @@ impl Captioner {
         let mut findings: Option<Findings> = None;
         let mut parts = recording.parts()?;
         while let Some(part) = parts.next().transpose()? {
-            let mut found = self.findings(&part.prepared.clip, options, Some(&site))?;
+            let clip = &part.prepared.clip;
+            let at_s = part.offset_s + clip.frames.first().map_or(0.0, |frame| frame.time_s);
+            let known = findings.as_ref().map(|findings| findings.postures_at(at_s));
+            let before = known.as_deref().map_or(Before::Nothing, Before::Part);
+            let mut found = self.findings(clip, options, Some(&site), before)?;
             found.shift(part.offset_s);
             found.clip(part.span_s);
             match &mut findings {
@@ -220,6 +240,7 @@ impl Captioner {
         clip: &PreparedClip,
         options: &DescribeOptions,
         site: Option<&Site>,
+        before: Before,
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
         let is_learned = self.knows_board(clip);
@@ -229,7 +250,7 @@ impl Captioner {
         let mut findings = Findings::default();
         // What is measured holds for every board; the actions of the model hold for those that it learned.
         let measures = self.measures(clip);
-        match measures.then(|| Measured::of(clip, site)) {
+        match measures.then(|| Measured::of(clip, site, before)) {
             Some(Measured::States(states)) => findings.states = Some(states),
             Some(Measured::InPoints(segments)) => findings.in_points = segments,
             None => {}

@@ -2,7 +2,7 @@
 
 use radarllm_base::StaticClutter;
 use radarllm_inference::{Description, Segment};
-use radarllm_measure::{Activity, State};
+use radarllm_measure::{Activity, Posture, State};
 
 use crate::{
     Part, measured,
@@ -61,6 +61,17 @@ impl Findings {
         [&mut self.in_points, &mut self.taught]
             .into_iter()
             .chain(said)
+    }
+
+    /// The postures of the tracks at a time, where they are measured.
+    pub(crate) fn postures_at(&self, t_s: f64) -> Vec<(u32, Posture)> {
+        let states = self.states.iter().flatten();
+        let at = states.filter(|state| (state.start_s..state.end_s).contains(&t_s));
+        at.filter_map(|state| match state.activity {
+            Activity::Stays(posture) => Some((state.track, posture)),
+            _ => None,
+        })
+        .collect()
     }
 
     /// Moves all times.

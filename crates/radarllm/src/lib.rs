@@ -56,6 +56,7 @@ mod measured;
 mod model;
 mod page;
 mod parts;
+mod point_people;
 mod score;
 mod site_file;
 mod source;
@@ -78,6 +79,7 @@ pub use source::{DEFAULT_RADAR, Recording, Source, open, open_parts};
 pub use taught::insert_taught;
 pub use verdict::Verdict;
 
+pub use point_people::{learn_from, learn_site};
 pub use radarllm_base::{
     Clip, Clutter, Message, Motion, Piece, PointFrame, Provenance, RadarConfig, RadarCube,
     RadarPoint, Timeline,

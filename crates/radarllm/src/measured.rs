@@ -6,16 +6,18 @@ use radarllm_inference::{
     lm::{Abstained, NO_PERSON},
 };
 use radarllm_measure::{
-    Activity, Site, State, TrackedPerson,
+    Activity, Before, Site, State, TrackedPerson,
     falls::{Fall, falls_of_points, falls_out_of_view},
     measure,
-    people::{MIN_TRACKED_S, Sample, Tracker},
+    people::{MIN_TRACKED_S, Sample},
     sentence,
     states::states_of,
 };
-use radarllm_tracking::{TrackOptions, track};
 
-use crate::gaps::follows;
+use crate::{
+    gaps::follows,
+    point_people::{learn_site, people_in_points},
+};
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
 const FALL_S: f64 = 1.0;
@@ -30,12 +32,12 @@ pub(crate) enum Measured {
 
 impl Measured {
     /// Measures a clip. The site is learned from the clip where none is known and somebody walks in it.
-    pub(crate) fn of(clip: &PreparedClip, site: Option<&Site>) -> Self {
+    pub(crate) fn of(clip: &PreparedClip, site: Option<&Site>, before: Before) -> Self {
         let learned =
-            || Site::learn(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
+            || learn_site(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
         let mut site = site.cloned().unwrap_or_else(learned);
         site.stated_height_m = (!clip.is_height_assumed).then_some(clip.radar_height_m);
-        match measure(&clip.frames, &site) {
+        match measure(&clip.frames, &site, before) {
             Some(states) => Self::States(states),
             None => {
                 let in_clip = |clip: &Clip| {
@@ -59,8 +61,10 @@ impl Measured {
                     falls.append(&mut out_of_view);
                     falls.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
                 }
-                walks.append(&mut falls);
-                Self::InPoints(walks)
+                let mut segments = postures_in_points(clip, &site, before);
+                segments.append(&mut walks);
+                segments.append(&mut falls);
+                Self::InPoints(segments)
             }
         }
     }
@@ -167,12 +171,11 @@ fn join(times: &mut Vec<[f64; 2]>) {
 
 /// Where people walk who are tracked by their points.
 fn walks_in_points(clip: &Clip) -> Vec<Segment> {
-    // Nobody is followed through a time without frames.
-    let people = clip.frames.chunk_by(follows).flat_map(people_in_points);
+    let people = people_in_points(&clip.frames, None).into_iter();
     let site = unlearned_site(clip);
     let may_fold = speeds_may_fold(&clip.frames);
     let walks = |p: TrackedPerson| -> Vec<State> {
-        let mut states = states_of(&p, &site, &[]);
+        let mut states = states_of(&p, &site, &[], Before::Nothing);
         states.retain(|s| {
             s.activity == Activity::Walks
                 && (may_fold || is_as_fast(&clip.frames, &p, s))
@@ -183,6 +186,23 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
     let mut states: Vec<State> = people
         .filter(|p| p.length_s() >= MIN_TRACKED_S)
         .flat_map(walks)
+        .collect();
+    states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    segments(&states)
+}
+
+/// In which postures people stay who are tracked by their points, before a board whose site is known.
+fn postures_in_points(clip: &Clip, site: &Site, before: Before) -> Vec<Segment> {
+    /// Shorter ones, s, are not stated.
+    const MIN_POSTURE_S: f64 = 3.0;
+    let people = people_in_points(&clip.frames, Some(site)).into_iter();
+    let mut states: Vec<State> = people
+        .filter(|p| p.length_s() >= MIN_TRACKED_S)
+        .flat_map(|p| states_of(&p, site, &[], before))
+        .filter(|s| matches!(s.activity, Activity::Stays(_)))
+        // Which part of a body the points show depends on the board.
+        .filter(|s| site.is_known_at(s.distances_m()[1]))
+        .filter(|s| s.end_s - s.start_s >= MIN_POSTURE_S)
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     segments(&states)
@@ -266,24 +286,6 @@ fn points_near<'a>(
     points.filter(move |p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M)
 }
 
-/// The people whom the tracker of this program sees in points.
-fn people_in_points(frames: &[PointFrame]) -> Vec<TrackedPerson> {
-    let tracks = track(frames, &TrackOptions::default()).unwrap_or_default();
-    let person = |track: &radarllm_tracking::Track| TrackedPerson {
-        tracker: Tracker::Points,
-        track: track.id,
-        samples: (track.frames.iter())
-            .map(|at| Sample {
-                t_s: frames[at.frame].time_s,
-                place_m: at.place_m.map(|v| v as f32),
-                height_m: None,
-                upward_mps: None,
-            })
-            .collect(),
-    };
-    tracks.iter().map(person).collect()
-}
-
 /// The sentences of falls in frames.
 fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
     let end_s = frames.last().map_or(0.0, |f| f.time_s);
@@ -308,7 +310,7 @@ fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
 #[cfg(test)]
 mod tests {
     use radarllm_base::Clutter;
-    use radarllm_measure::Posture;
+    use radarllm_measure::{Posture, people::Tracker};
 
     use super::*;
 
@@ -510,7 +512,7 @@ mod tests {
             };
             let clip = PreparedClip::of(&clip).unwrap();
             assert_ne!(clip.n_points(), clip.moving().n_points());
-            match Measured::of(&clip, None) {
+            match Measured::of(&clip, None, Before::Nothing) {
                 Measured::InPoints(segments) => segments.len(),
                 Measured::States(_) => 0,
             }

@@ -77,7 +77,7 @@ pub(crate) fn learn(clips: impl IntoIterator<Item = CliResult<Clip>>) -> CliResu
         }));
     }
     let all = all.ok_or_else(|| CliError::new("no recordings"))?;
-    let mut site = Site::learn(&all.radar, &all.frames)
+    let mut site = radarllm::learn_site(&all.radar, &all.frames)
         .map_err(|e| CliError::new(format!("the site cannot be learned: {e}")))?;
     site.stated_height_m = stated_height_m(&all);
     Ok(site)

@@ -30,7 +30,9 @@ use std::time::Instant;
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
 use radarllm_tracking::LiveTrack;
 
-use crate::activities::{Activities, ActivityOptions, Label, Row, WindowCaption, WindowReading};
+use crate::activities::{
+    Activities, ActivityOptions, Label, MeasuredSpan, Row, WindowCaption, WindowReading,
+};
 use crate::clock::{StreamClock, Tick};
 use crate::counters::Counters;
 use crate::falls::{EarlierFall, FALL, FallEvent, FallState, SuspectBy};
@@ -72,6 +74,8 @@ pub struct WindowContext {
     pub reported: Option<Clip>,
     /// Whether the person fell before and has not risen.
     pub is_down: bool,
+    /// The action that was measured of the person at the beginning of the window, by the window before.
+    pub before: Option<String>,
 }
 
 /// What was written about a window.
@@ -87,6 +91,8 @@ pub enum Described {
         confidence: Option<f64>,
         /// Those of the actions that were measured, not read by a model.
         measured: Vec<String>,
+        /// What was measured with its times, in order of time.
+        spans: Vec<MeasuredSpan>,
     },
     /// The model abstained.
     Abstained {
@@ -500,6 +506,7 @@ impl Pipeline {
         let context = WindowContext {
             reported: reported.map(|frames| clip.with_frames(frames)),
             is_down: open.any(|fall| fall.tracked_as() == Some(window.person)),
+            before: self.activities.measured_at(window.person, start_s),
         };
         let described = self.describe.describe(&clip, context);
         match &described {
@@ -523,12 +530,14 @@ impl Pipeline {
             self.presence_changed(&update, out);
         }
         let (mut caption, mut actions, mut measured) = (None, Vec::new(), Vec::new());
+        let mut measured_spans = Vec::new();
         let reason = match described {
             Described::Sentence {
                 caption: text,
                 actions: stated,
                 confidence,
                 measured: by_measuring,
+                spans,
             } => {
                 caption = Some(WindowCaption {
                     text,
@@ -536,6 +545,7 @@ impl Pipeline {
                     place_m: Some(window.place_m),
                 });
                 measured = by_measuring;
+                measured_spans = spans;
                 actions = self
                     .activities
                     .add_changes(window.person, stated, &mut measured);
@@ -561,6 +571,7 @@ impl Pipeline {
             caption,
             certain: actions.iter().filter(is_shown).cloned().collect(),
             actions,
+            spans: measured_spans,
             n_points,
         };
         let rows = self.activities.push(&reading);

@@ -36,6 +36,7 @@ impl Describe for ByHeight {
             actions: vec![action.into()],
             confidence: Some(0.7),
             measured: Vec::new(),
+            spans: Vec::new(),
         }
     }
 }
@@ -199,6 +200,7 @@ impl Describe for Falls {
                 true => vec!["fall".into()],
                 false => Vec::new(),
             },
+            spans: Vec::new(),
         }
     }
 }
@@ -236,6 +238,7 @@ impl Describe for SitsThenWalks {
             actions: vec![action.into()],
             confidence: Some(0.7),
             measured: vec![action.into()],
+            spans: Vec::new(),
         }
     }
 }
@@ -493,6 +496,7 @@ impl Describe for Recovering {
                 actions: vec!["walk".into()],
                 confidence: Some(0.7),
                 measured: Vec::new(),
+                spans: Vec::new(),
             },
         }
     }

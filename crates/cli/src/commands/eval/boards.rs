@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use radarllm::{
-    Captioner, CaptureFormat, CaptureOptions, DescribeOptions, PointFrame, PreparedClip, Recording,
-    Site,
+    Captioner, CaptureFormat, CaptureOptions, Clip, DescribeOptions, PointFrame, PreparedClip,
+    Recording, Site,
 };
 use radarllm_eval::{
     boards::{BoardConfig, BoardReport, BoardsConfig, BoardsReport, Reading, markdown},
@@ -38,6 +38,9 @@ pub(crate) struct EvalBoardsArgs {
     /// does not know.
     #[arg(long)]
     pub without_measuring: bool,
+    /// Leave out whom the boards track: what is said by points alone.
+    #[arg(long)]
+    pub without_tracks: bool,
     /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
@@ -64,10 +67,15 @@ pub(crate) fn run(args: &EvalBoardsArgs) -> CliResult {
     if args.without_measuring {
         captioner = captioner.without_measuring();
     }
-    let model = match args.without_measuring {
-        true => format!("{}, without measuring", captioner.name()),
-        false => captioner.name().to_string(),
-    };
+    let mut model = captioner.name().to_string();
+    for (is_without, what) in [
+        (args.without_measuring, ", without measuring"),
+        (args.without_tracks, ", by points alone"),
+    ] {
+        if is_without {
+            model += what;
+        }
+    }
     let wanted = args.board.as_deref().unwrap_or("");
     let mut boards = Vec::new();
     for board in config.board.iter().filter(|b| b.name.contains(wanted)) {
@@ -106,7 +114,7 @@ fn evaluate(
 ) -> CliResult<(BoardReport, Captioner)> {
     let site = match &board.site {
         None => None,
-        Some(folder) => Some(learn_site(board, &args.data.join(folder))?),
+        Some(folder) => Some(learn_site(board, args, folder)?),
     };
     if let Some(site) = &site {
         note!(
@@ -118,6 +126,14 @@ fn evaluate(
     }
     let captioner = captioner.with_site(site);
     let name = captioner.name();
+    let options = DescribeOptions::default();
+    let describe = |clip: &PreparedClip| -> CliResult<_> {
+        Ok(match args.without_tracks {
+            true => captioner.describe_prepared(&clip.without_tracks(), &options)?,
+            false => captioner.describe_prepared(clip, &options)?,
+        })
+    };
+    let describe_clip = |clip: &Clip| describe(&PreparedClip::of(clip)?);
     let (mut rows, mut presence, mut timelines) = (Vec::new(), Vec::new(), Vec::new());
     for part in &board.activities {
         let beside = args.config.parent().unwrap_or(Path::new("."));
@@ -128,9 +144,6 @@ fn evaluate(
         };
         let folder = args.data.join(&part.recordings);
         let recordings = read_recordings(&config, Role::Tuning, &folder, &options)?;
-        let describe = |clip: &PreparedClip| -> CliResult<_> {
-            Ok(captioner.describe_prepared(clip, &DescribeOptions::default())?)
-        };
         let recordings = recordings.into_iter().map(Ok);
         let report = evaluate_recordings(describe, name, &config, Role::Tuning, recordings)?;
         rows.extend(report.rows);
@@ -141,7 +154,7 @@ fn evaluate(
             .labels(&files::read_text(&labels, MAX_CONFIG_BYTES)?)
             .map_err(|e| CliError::new(format!("{}: {e}", labels.display())))?;
         let recording = open(&args.data.join(&part.recording), &part.reading)?;
-        let described = captioner.describe(&recording.clip)?;
+        let described = describe_clip(&recording.clip)?;
         rows.extend(part.rows(&labels, &described.segments));
         timelines.extend(part.timeline(&labels, &described.segments));
     }
@@ -158,7 +171,7 @@ fn evaluate(
                 part.name
             )));
         };
-        let described = captioner.describe(&recording.clip)?;
+        let described = describe_clip(&recording.clip)?;
         presence.push(part.row(&described.segments, start_s, end_s));
     }
     Ok((
@@ -185,10 +198,11 @@ fn open(path: &Path, how: &Reading) -> CliResult<Recording> {
 }
 
 /// Learns a site from the recordings of a folder, or from one recording.
-fn learn_site(board: &BoardConfig, path: &Path) -> CliResult<Site> {
+fn learn_site(board: &BoardConfig, args: &EvalBoardsArgs, folder: &Path) -> CliResult<Site> {
+    let path = &args.data.join(folder);
     let how = board.activities.first().map(|part| part.reading.clone());
     let how = how.unwrap_or_default();
-    let mut paths = vec![path.to_path_buf()];
+    let mut paths = vec![path.clone()];
     let is_folder_of_recordings = path.is_dir() && open(path, &how).is_err();
     if is_folder_of_recordings {
         let entries = std::fs::read_dir(path).map_err(|e| CliError::io(path, e))?;
@@ -196,8 +210,12 @@ fn learn_site(board: &BoardConfig, path: &Path) -> CliResult<Site> {
         paths = inside.map_err(|e: std::io::Error| CliError::io(path, e))?;
         paths.sort();
     }
-    let clips = paths
-        .iter()
-        .map(|path| -> CliResult<_> { Ok(open(path, &how)?.clip) });
+    let clips = paths.iter().map(|path| -> CliResult<_> {
+        let mut clip = open(path, &how)?.clip;
+        if args.without_tracks {
+            clip.frames.iter_mut().for_each(|frame| frame.board = None);
+        }
+        Ok(clip)
+    });
     site::learn(clips).map_err(|e| CliError::new(format!("{}: {}", path.display(), e.cause)))
 }
