@@ -2,7 +2,7 @@
 
 use radarllm::{
     Captioner, Clip, DescribeOptions, Description, Error, PreparedClip, Segment, SiteLearner,
-    is_general, measure::Posture,
+    is_general, learn_from, measure::Posture,
 };
 use radarllm_monitor::activities::{MeasuredSpan, actions_of};
 use radarllm_monitor::pipeline::{Describe, Described, StreamInfo, WindowContext};
@@ -22,8 +22,8 @@ fn posture_of(action: &str) -> Option<Posture> {
     }
 }
 
-/// Describes windows with a trained model. The site is learned of people whom the board tracks while they walk, unless it is
-/// given.
+/// Describes windows with a trained model. The site is learned of people while they walk, whom the board tracks or the points
+/// show, unless it is given.
 pub struct Captions {
     captioner: Captioner,
     /// `None` if the site is given.
@@ -50,11 +50,11 @@ impl Captions {
         ) else {
             return;
         };
-        if first_s < self.learned_until_s || clip.frames.iter().all(|f| f.board.is_none()) {
+        if first_s < self.learned_until_s || !self.captioner.measures(clip) {
             return;
         }
         self.learned_until_s = last_s;
-        learner.add(&clip.frames);
+        learn_from(learner, &clip.frames);
         if let Ok(site) = learner.site(&clip.radar) {
             self.captioner.set_site(Some(site));
         }

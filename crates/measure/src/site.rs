@@ -49,8 +49,8 @@ pub struct Site {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SiteError {
-    /// The board does not track, or not in height.
-    #[error("the board states no tracks with heights")]
+    /// Nobody is tracked in height.
+    #[error("neither tracks of the board nor points of people have heights")]
     NoHeights,
     /// Nobody walked for long enough.
     #[error("somebody walked for {found_s:.0} s; {needed_s:.0} s are needed")]

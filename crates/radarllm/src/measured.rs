@@ -1,6 +1,6 @@
 //! Descriptions by what is measured: places, heights and speeds of the board's own tracks.
 
-use radarllm_base::{Clip, PointFrame, RadarPoint, stats::quantile_nearest};
+use radarllm_base::{Clip, PointFrame, stats::quantile_nearest};
 use radarllm_inference::{
     Description, PreparedClip, Segment,
     lm::{Abstained, NO_PERSON},
@@ -16,11 +16,13 @@ use radarllm_measure::{
 
 use crate::{
     gaps::follows,
-    point_people::{learn_site, people_in_points},
+    point_people::{PointTracks, hold_heights},
 };
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
 const FALL_S: f64 = 1.0;
+/// Distance of the person from it, m.
+const NEAR_FALL_M: f32 = 1.2;
 
 /// What is measured of a recording.
 pub(crate) enum Measured {
@@ -33,22 +35,34 @@ pub(crate) enum Measured {
 impl Measured {
     /// Measures a clip. The site is learned from the clip where none is known and somebody walks in it.
     pub(crate) fn of(clip: &PreparedClip, site: Option<&Site>, before: Before) -> Self {
-        let learned =
-            || learn_site(&clip.radar, &clip.frames).unwrap_or_else(|_| unlearned_site(clip));
-        let mut site = site.cloned().unwrap_or_else(learned);
-        site.stated_height_m = (!clip.is_height_assumed).then_some(clip.radar_height_m);
-        match measure(&clip.frames, &site, before) {
+        let with_height = |mut site: Site| {
+            site.stated_height_m = (!clip.is_height_assumed).then_some(clip.radar_height_m);
+            site
+        };
+        let by_tracks = || Site::learn(&clip.radar, &clip.frames).ok();
+        let of_tracks = site.cloned().or_else(by_tracks);
+        let of_tracks = with_height(of_tracks.unwrap_or_else(|| unlearned_site(clip)));
+        match measure(&clip.frames, &of_tracks, before) {
             Some(states) => Self::States(states),
             None => {
-                let in_clip = |clip: &Clip| {
-                    let falls = falls_of_points(&clip.frames);
-                    [walks_in_points(clip), fall_segments(&clip.frames, falls)]
+                let tracks = PointTracks::of(&clip.frames);
+                let by_points = || tracks.learn_site(&clip.radar).ok();
+                let site = site.cloned().or_else(by_points);
+                let site = with_height(site.unwrap_or_else(|| unlearned_site(clip)));
+                let mut people = tracks.people(Some(&site));
+                let in_clip = |clip: &Clip, tracks: &PointTracks| {
+                    let mut falls = falls_of_points(&clip.frames);
+                    falls.retain(|fall| !people.iter().any(|p| stays_up(p, fall)));
+                    [
+                        segments(&tracks.walks()),
+                        fall_segments(&clip.frames, falls),
+                    ]
                 };
-                let [mut walks, mut falls] = in_clip(clip);
+                let [mut walks, mut falls] = in_clip(clip, &tracks);
                 let all = clip.moving();
                 let is_other = !std::ptr::eq(all, &**clip);
                 if is_other && (!walks.is_empty() || !falls.is_empty()) {
-                    let [other_walks, other_falls] = in_clip(all);
+                    let [other_walks, other_falls] = in_clip(all, &PointTracks::of(&all.frames));
                     keep_shown(&mut walks, &other_walks);
                     keep_shown(&mut falls, &other_falls);
                 }
@@ -61,7 +75,8 @@ impl Measured {
                     falls.append(&mut out_of_view);
                     falls.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
                 }
-                let mut segments = postures_in_points(clip, &site, before);
+                people.iter_mut().for_each(hold_heights);
+                let mut segments = postures_in_points(&people, &site, before);
                 segments.append(&mut walks);
                 segments.append(&mut falls);
                 Self::InPoints(segments)
@@ -169,121 +184,49 @@ fn join(times: &mut Vec<[f64; 2]>) {
     });
 }
 
-/// Where people walk who are tracked by their points.
-fn walks_in_points(clip: &Clip) -> Vec<Segment> {
-    let people = people_in_points(&clip.frames, None).into_iter();
-    let site = unlearned_site(clip);
-    let may_fold = speeds_may_fold(&clip.frames);
-    let walks = |p: TrackedPerson| -> Vec<State> {
-        let mut states = states_of(&p, &site, &[], Before::Nothing);
-        states.retain(|s| {
-            s.activity == Activity::Walks
-                && (may_fold || is_as_fast(&clip.frames, &p, s))
-                && !sinks(&clip.frames, &p, s)
+/// Whether a person is as high after a fall at the same place as before: the middle of the points of somebody who stands is
+/// that of the legs for a moment.
+fn stays_up(person: &TrackedPerson, fall: &Fall) -> bool {
+    /// Times before and after the fall, s.
+    const BEFORE_S: [f64; 2] = [-4.0, -1.0];
+    const AFTER_S: [f64; 2] = [1.5, 4.5];
+    /// Change of the height below which it is that of before, m.
+    const SAME_M: f32 = 0.25;
+    /// Share of the time in which the person has to be seen.
+    const SEEN: f64 = 0.7;
+    let height_m = |[from_s, to_s]: [f64; 2]| {
+        let samples = person.between(fall.t_s + from_s, fall.t_s + to_s);
+        let near = samples.iter().filter(|s| {
+            (s.place_m[0] - fall.place_m[0]).hypot(s.place_m[1] - fall.place_m[1]) <= NEAR_FALL_M
         });
-        states
+        let seen: Vec<&Sample> = near.filter(|s| s.height_m.is_some()).collect();
+        let seen_s = seen.last()?.t_s - seen.first()?.t_s;
+        (seen_s >= SEEN * (to_s - from_s))
+            .then(|| quantile_nearest(seen.iter().filter_map(|s| s.height_m), 0.5))?
     };
-    let mut states: Vec<State> = people
-        .filter(|p| p.length_s() >= MIN_TRACKED_S)
-        .flat_map(walks)
-        .collect();
-    states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
-    segments(&states)
+    let heights_m = height_m(BEFORE_S).zip(height_m(AFTER_S));
+    heights_m.is_some_and(|(before_m, after_m)| before_m - after_m < SAME_M)
 }
 
 /// In which postures people stay who are tracked by their points, before a board whose site is known.
-fn postures_in_points(clip: &Clip, site: &Site, before: Before) -> Vec<Segment> {
+fn postures_in_points(people: &[TrackedPerson], site: &Site, before: Before) -> Vec<Segment> {
     /// Shorter ones, s, are not stated.
     const MIN_POSTURE_S: f64 = 3.0;
-    let people = people_in_points(&clip.frames, Some(site)).into_iter();
+    let people = people.iter().filter(|p| p.length_s() >= MIN_TRACKED_S);
     let mut states: Vec<State> = people
-        .filter(|p| p.length_s() >= MIN_TRACKED_S)
-        .flat_map(|p| states_of(&p, site, &[], before))
+        .flat_map(|p| states_of(p, site, &[], before))
         .filter(|s| matches!(s.activity, Activity::Stays(_)))
         // Which part of a body the points show depends on the board.
         .filter(|s| site.is_known_at(s.distances_m()[1]))
         .filter(|s| s.end_s - s.start_s >= MIN_POSTURE_S)
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
-    segments(&states)
-}
-
-/// Whether frames may be of a board whose speeds fold below that of somebody who walks: no point is faster.
-fn speeds_may_fold(frames: &[PointFrame]) -> bool {
-    const MIN_FASTEST_MPS: f32 = 0.7;
-    let mut points = frames.iter().flat_map(|f| &f.points);
-    !points.any(|p| p.velocity_mps.abs() >= MIN_FASTEST_MPS)
-}
-
-/// Whether the points near a walk are about as fast as the track changes its range: a track that jumps between the parts of a
-/// body, or between two people, is much faster than they are.
-fn is_as_fast(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bool {
-    /// Share of the way in range that speeds must show, and the way from which on it is asked for, m: who walks past the radar
-    /// has none.
-    const MIN_SHARE: f32 = 0.4;
-    const MIN_WAY_M: f32 = 0.5;
-    let (mut way_m, mut shown_m) = (0.0, 0.0);
-    let mut before_m: Option<f32> = None;
-    let mut t_s = walk.start_s;
-    while t_s < walk.end_s {
-        let samples = person.between(t_s, (t_s + 1.0).min(walk.end_s));
-        t_s += 1.0;
-        if samples.is_empty() {
-            before_m = None;
-            continue;
-        }
-        let n = samples.len() as f32;
-        let mean = |axis: usize| samples.iter().map(|s| s.place_m[axis]).sum::<f32>() / n;
-        let range_m = mean(0).hypot(mean(1));
-        let mut speeds_mps = Vec::new();
-        for sample in samples {
-            speeds_mps.extend(points_near(frames, sample).map(|p| p.velocity_mps));
-        }
-        if let (Some(before_m), false) = (before_m, speeds_mps.is_empty()) {
-            way_m += (range_m - before_m).abs();
-            shown_m += speeds_mps.iter().sum::<f32>().abs() / speeds_mps.len() as f32;
-        }
-        before_m = Some(range_m);
+    let mut segments = segments(&states);
+    for segment in &mut segments {
+        // Whether somebody keeps still is another question: arms move, too.
+        segment.caption = segment.caption.replacen("stands still", "stands", 1);
     }
-    way_m < MIN_WAY_M || shown_m >= MIN_SHARE * way_m
-}
-
-/// Whether the points near a short walk sink, as those of somebody who falls and goes a step meanwhile.
-fn sinks(frames: &[PointFrame], person: &TrackedPerson, walk: &State) -> bool {
-    /// A longer way, m, changes heights by the error of the tilt.
-    const MAX_WAY_M: f32 = 1.5;
-    /// How far the middle of the points sinks from the second around the beginning to the one around the end, m.
-    const SINKS_M: f32 = 0.5;
-    /// Fewer points say nothing.
-    const MIN_POINTS: usize = 5;
-    let way = walk.places_m;
-    if (way[0][0] - way[1][0]).hypot(way[0][1] - way[1][1]) > MAX_WAY_M {
-        return false;
-    }
-    let middle_m = |t_s: f64| {
-        let samples = person.between(t_s - 0.5, t_s + 0.5);
-        let heights: Vec<f32> = samples
-            .iter()
-            .flat_map(|sample| points_near(frames, sample))
-            .map(|p| p.z_m)
-            .collect();
-        (heights.len() >= MIN_POINTS).then(|| quantile_nearest(heights, 0.5))?
-    };
-    let heights_m = [walk.start_s, walk.end_s].map(middle_m);
-    matches!(heights_m, [Some(from_m), Some(to_m)] if from_m - to_m >= SINKS_M)
-}
-
-/// The points of the frame of a sample that are near it.
-fn points_near<'a>(
-    frames: &'a [PointFrame],
-    sample: &Sample,
-) -> impl Iterator<Item = &'a RadarPoint> + use<'a> {
-    /// Distance of points from the track, m.
-    const NEAR_M: f32 = 0.7;
-    let [x_m, y_m] = sample.place_m;
-    let at = frames.partition_point(|f| f.time_s < sample.t_s);
-    let points = frames.get(at).into_iter().flat_map(|f| &f.points);
-    points.filter(move |p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M)
+    segments
 }
 
 /// The sentences of falls in frames.
@@ -309,168 +252,10 @@ fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::Clutter;
-    use radarllm_measure::{Posture, people::Tracker};
+    use radarllm_base::{Clutter, RadarPoint};
+    use radarllm_measure::Posture;
 
     use super::*;
-
-    /// Points of a body that walks away for three seconds and then moves in its place.
-    #[test]
-    fn walking_is_measured_in_points() {
-        let frame = |i: u32| {
-            let t_s = i as f32 / 10.0;
-            let walks = t_s < 3.0;
-            let y_m = 2.0 + t_s.min(3.0);
-            let part = |k: u32| {
-                let [x_m, dy_m] = [0.1 * (k % 3) as f32 - 0.1, 0.1 * (k / 3) as f32 - 0.1];
-                RadarPoint {
-                    x_m,
-                    y_m: y_m + dy_m,
-                    z_m: 0.1 * k as f32 - 0.4,
-                    range_m: y_m + dy_m,
-                    velocity_mps: if walks { 1.0 } else { 0.3 * (3.0 * t_s).sin() },
-                    intensity_db: 15.0,
-                }
-            };
-            PointFrame {
-                frame: i,
-                time_s: f64::from(i) / 10.0,
-                points: (0..9).map(part).collect(),
-                board: None,
-            }
-        };
-        let clip = Clip {
-            frames: (0..100).map(frame).collect(),
-            frame_rate_hz: 10.0,
-            radar_height_m: 1.0,
-            is_height_assumed: false,
-            radar: "board".into(),
-            provenance: "recorded:csv:x".parse().unwrap(),
-            clutter: Clutter::Settled,
-        };
-        let found = walks_in_points(&clip);
-        let [walk] = &found[..] else {
-            panic!("{found:?}")
-        };
-        assert_eq!(walk.actions, ["walk"]);
-        assert!(
-            walk.caption
-                .starts_with("a person walks away from the radar")
-        );
-        assert!(
-            walk.start_s < 1.0 && (2.0..5.0).contains(&walk.end_s),
-            "{walk:?}"
-        );
-    }
-
-    /// A track that jumps between parts of a body, or between two bodies, changes its range and its points are slow.
-    #[test]
-    fn who_walks_is_as_fast_as_the_points() {
-        let person = |at_m: &dyn Fn(f32) -> f32| TrackedPerson {
-            tracker: Tracker::Points,
-            track: 1,
-            samples: (0..100)
-                .map(|i| Sample {
-                    t_s: f64::from(i) / 10.0,
-                    place_m: [0.0, at_m(i as f32 / 10.0)],
-                    height_m: None,
-                    upward_mps: None,
-                })
-                .collect(),
-        };
-        // Points at the place of the track with this speed, and one far away that is as fast as somebody who walks, or not.
-        let frames = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
-            let point = |y_m: f32, velocity_mps: f32| RadarPoint {
-                y_m,
-                range_m: y_m,
-                velocity_mps,
-                ..RadarPoint::default()
-            };
-            let frame = |i: u32| PointFrame {
-                frame: i,
-                time_s: f64::from(i) / 10.0,
-                points: vec![
-                    point(at_m(i as f32 / 10.0), velocity_mps),
-                    point(9.0, fastest_mps),
-                ],
-                board: None,
-            };
-            (0..100).map(frame).collect::<Vec<_>>()
-        };
-        let walk = State {
-            track: 1,
-            start_s: 0.0,
-            end_s: 9.9,
-            activity: Activity::Walks,
-            probability: 0.8,
-            places_m: [[0.0, 2.0]; 2],
-            between_m: [2.0; 2],
-        };
-        let is_walk = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
-            let frames = frames(at_m, velocity_mps, fastest_mps);
-            speeds_may_fold(&frames) || is_as_fast(&frames, &person(at_m), &walk)
-        };
-        let away = |t_s: f32| 2.0 + 0.5 * t_s;
-        let jumps = |t_s: f32| {
-            if (t_s as u32).is_multiple_of(2) {
-                1.5
-            } else {
-                2.5
-            }
-        };
-        assert!(is_walk(&away, 0.5, 1.0));
-        assert!(!is_walk(&away, 0.05, 1.0));
-        assert!(!is_walk(&jumps, 0.1, 1.0));
-        // Speeds that fold say nothing; who walks past has no radial speed.
-        assert!(is_walk(&away, 0.05, 0.3));
-        assert!(is_walk(&|_| 2.0, 0.05, 1.0));
-    }
-
-    /// Who falls goes a step meanwhile; who walks stays as high, and a longer way changes heights by the error of the tilt.
-    #[test]
-    fn points_that_sink_on_a_short_way_are_no_walk() {
-        let sinks_by = |way_m: f32, sinks_m: f32| {
-            let share = |i: u32| (i as f32 / 30.0).min(1.0);
-            let frame = |i: u32| PointFrame {
-                frame: i,
-                time_s: f64::from(i) / 10.0,
-                points: (0..6)
-                    .map(|k| RadarPoint {
-                        y_m: 2.0 + way_m * share(i),
-                        z_m: 0.1 * k as f32 - sinks_m * share(i),
-                        ..RadarPoint::default()
-                    })
-                    .collect(),
-                board: None,
-            };
-            let frames: Vec<PointFrame> = (0..40).map(frame).collect();
-            let person = TrackedPerson {
-                tracker: Tracker::Points,
-                track: 1,
-                samples: (0..40)
-                    .map(|i| Sample {
-                        t_s: f64::from(i) / 10.0,
-                        place_m: [0.0, 2.0 + way_m * share(i)],
-                        height_m: None,
-                        upward_mps: None,
-                    })
-                    .collect(),
-            };
-            let walk = State {
-                track: 1,
-                start_s: 0.0,
-                end_s: 3.0,
-                activity: Activity::Walks,
-                probability: 0.8,
-                places_m: [[0.0, 2.0], [0.0, 2.0 + way_m]],
-                between_m: [2.0, 2.0 + way_m],
-            };
-            sinks(&frames, &person, &walk)
-        };
-        assert!(sinks_by(1.0, 1.0));
-        assert!(!sinks_by(1.0, 0.2));
-        assert!(!sinks_by(2.0, 1.0));
-    }
 
     /// Most of a body on the spot is slow and goes with the static points; what is left of it moves its middle.
     #[test]

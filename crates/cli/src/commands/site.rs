@@ -15,7 +15,7 @@ use crate::{
 /// `site`.
 #[derive(Args)]
 pub(crate) struct SiteArgs {
-    /// Recordings of the site in which people walk, of a board that tracks them.
+    /// Recordings of the site in which people walk. Where the board does not track them, their points show them.
     #[arg(required = true)]
     pub recordings: Vec<PathBuf>,
     /// Output file, TOML, for `describe --site`.
