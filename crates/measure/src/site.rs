@@ -6,7 +6,7 @@
 
 use radarllm_base::{PointFrame, stats::quantile_nearest};
 
-use crate::people::{TrackedPerson, tracked_people};
+use crate::people::{TrackedPerson, Tracker, tracked_people};
 
 /// Height above the floor at which a standing person is tracked where nothing was learned, m: the middle of adults' heads.
 pub const STANDING_M: f32 = 1.65;
@@ -14,8 +14,10 @@ pub const STANDING_M: f32 = 1.65;
 /// Length of a stretch of walking, s, and the distance in it from which on somebody walks, m.
 const STRETCH_S: f64 = 1.0;
 const STRETCH_M: f32 = 0.4;
-/// Stretches that an estimate needs.
+/// Stretches that an estimate needs: 10 s of walking by tracks of the board, 30 s by tracks of points, which also jump between
+/// parts of the body.
 const MIN_STRETCHES: usize = 30;
+const MIN_STRETCHES_BY_POINTS: usize = 90;
 /// Distances from the radar between which the tilt can be estimated must span this much, m.
 const MIN_SPAN_M: f32 = 1.0;
 /// Width of the cells of distance, m, and the stretches that one needs.
@@ -150,6 +152,7 @@ const MAX_STRETCHES: usize = 20_000;
 #[derive(Clone, Debug, Default)]
 pub struct SiteLearner {
     has_heights: bool,
+    is_by_points: bool,
     stretches: Vec<Stretch>,
 }
 
@@ -163,6 +166,7 @@ impl SiteLearner {
     pub fn add_people(&mut self, people: &[TrackedPerson]) {
         let has_height = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
         self.has_heights |= people.iter().any(has_height);
+        self.is_by_points |= people.iter().any(|p| p.tracker == Tracker::Points);
         self.stretches.extend(people.iter().flat_map(walking));
         if self.stretches.len() > MAX_STRETCHES {
             self.stretches
@@ -181,10 +185,14 @@ impl SiteLearner {
         }
         // A new stretch begins after a third of one.
         let walking_s = stretches.len() as f32 * STRETCH_S as f32 / 3.0;
-        if stretches.len() < MIN_STRETCHES {
+        let needed = match self.is_by_points {
+            true => MIN_STRETCHES_BY_POINTS,
+            false => MIN_STRETCHES,
+        };
+        if stretches.len() < needed {
             return Err(SiteError::TooLittleWalking {
                 found_s: walking_s,
-                needed_s: MIN_STRETCHES as f32 * STRETCH_S as f32 / 3.0,
+                needed_s: needed as f32 * STRETCH_S as f32 / 3.0,
             });
         }
         let site = Site {

@@ -42,16 +42,23 @@ impl<'a> PointTracks<'a> {
         }
     }
 
-    /// The people of the tracks. Heights are corrected by the site.
+    /// The people of the tracks, who are still there where a track was lost. Heights are corrected by the site.
     pub(crate) fn people(&self, site: Option<&Site>) -> Vec<TrackedPerson> {
         let runs = self.runs.iter();
-        runs.flat_map(|(frames, tracks)| people_of_run(frames, tracks, site))
+        runs.flat_map(|(frames, tracks)| still_there(frames, persons(frames, tracks, site), site))
+            .collect()
+    }
+
+    /// The people of the tracks while these last.
+    fn moving_people(&self) -> Vec<TrackedPerson> {
+        let runs = self.runs.iter();
+        runs.flat_map(|(frames, tracks)| persons(frames, tracks, None))
             .collect()
     }
 
     /// Where people walk, in order of time.
     pub(crate) fn walks(&self) -> Vec<State> {
-        let people = self.people(None);
+        let people = self.moving_people();
         let people = people.iter().filter(|p| p.length_s() >= MIN_TRACKED_S);
         let mut states: Vec<State> = people.flat_map(|p| walks_of(self.frames, p)).collect();
         states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
@@ -69,17 +76,39 @@ impl<'a> PointTracks<'a> {
     }
 
     fn walking(&self) -> Vec<TrackedPerson> {
-        let mut walking = Vec::new();
-        for person in self.people(None) {
-            for walk in walks_of(self.frames, &person) {
-                walking.push(TrackedPerson {
-                    samples: person.between(walk.start_s, walk.end_s).to_vec(),
-                    ..person
-                });
+        let mut people = self.moving_people();
+        for person in &mut people {
+            let goes = goes_of(person);
+            let is_on_the_way = |s: &Sample| goes.iter().any(|go| (go[0]..=go[1]).contains(&s.t_s));
+            person.samples.retain(is_on_the_way);
+        }
+        people.retain(|person| !person.samples.is_empty());
+        people
+    }
+}
+
+/// Times in which somebody goes farther than a lunge reaches.
+fn goes_of(person: &TrackedPerson) -> Vec<[f64; 2]> {
+    const WAY_S: f64 = 3.0;
+    const WAY_M: f32 = 1.2;
+    let way_m = |from_s: f64| {
+        let samples = person.between(from_s, from_s + WAY_S);
+        let (first, last) = (samples.first()?, samples.last()?);
+        let [dx_m, dy_m] = [0, 1].map(|axis| first.place_m[axis] - last.place_m[axis]);
+        Some(dx_m.hypot(dy_m))
+    };
+    let mut goes: Vec<[f64; 2]> = Vec::new();
+    let mut from_s = person.start_s();
+    while from_s < person.end_s() {
+        if way_m(from_s).is_some_and(|way_m| way_m >= WAY_M) {
+            match goes.last_mut() {
+                Some(last) if last[1] >= from_s => last[1] = from_s + WAY_S,
+                _ => goes.push([from_s, from_s + WAY_S]),
             }
         }
-        walking
+        from_s += 0.5;
     }
+    goes
 }
 
 fn tracks_of(frames: &[PointFrame]) -> Vec<Track> {
@@ -95,14 +124,18 @@ fn tracks_of(frames: &[PointFrame]) -> Vec<Track> {
     track(frames, &options).unwrap_or_default()
 }
 
-fn people_of_run(
+fn persons(frames: &[PointFrame], tracks: &[Track], site: Option<&Site>) -> Vec<TrackedPerson> {
+    let tracks = tracks.iter();
+    tracks.map(|track| person(frames, track, site)).collect()
+}
+
+/// Follows people where their tracks were lost, and joins those who were not seen for a time and were seen again at the same
+/// place.
+fn still_there(
     frames: &[PointFrame],
-    tracks: &[Track],
+    mut people: Vec<TrackedPerson>,
     site: Option<&Site>,
 ) -> Vec<TrackedPerson> {
-    let mut people: Vec<TrackedPerson> = (tracks.iter())
-        .map(|track| person(frames, track, site))
-        .collect();
     for at in 0..people.len() {
         let others = people.iter().enumerate().filter(|(other, _)| *other != at);
         let until_s = others
@@ -112,7 +145,26 @@ fn people_of_run(
         let seen = still_seen(frames, &people[at], until_s, site);
         people[at].samples.extend(seen);
     }
-    still_there(people)
+    let mut joined: Vec<TrackedPerson> = Vec::new();
+    for mut next in people {
+        let Some(first) = next.samples.first().copied() else {
+            continue;
+        };
+        let is_same = |before: &&mut TrackedPerson| {
+            before.samples.last().is_some_and(|last| {
+                let [dx_m, dy_m] = [0, 1].map(|axis| last.place_m[axis] - first.place_m[axis]);
+                (0.0..=STILL_THERE_S).contains(&(first.t_s - last.t_s))
+                    && dx_m.hypot(dy_m) <= STILL_THERE_M
+            })
+        };
+        let latest =
+            (joined.iter_mut().filter(is_same)).max_by(|a, b| a.end_s().total_cmp(&b.end_s()));
+        match latest {
+            Some(before) => before.samples.append(&mut next.samples),
+            None => joined.push(next),
+        }
+    }
+    joined
 }
 
 /// Gives moments without a height that of the moment before: who is not seen keeps still.
@@ -176,30 +228,6 @@ fn height_around(heights: &[(f64, f32)], t_s: f64) -> Option<f32> {
         true => quantile_nearest(around.iter().map(|(_, z_m)| *z_m), 0.5),
         false => None,
     }
-}
-
-/// Joins people who were not seen for a time, and were seen again at the same place.
-fn still_there(people: Vec<TrackedPerson>) -> Vec<TrackedPerson> {
-    let mut joined: Vec<TrackedPerson> = Vec::new();
-    for mut next in people {
-        let Some(first) = next.samples.first().copied() else {
-            continue;
-        };
-        let is_same = |before: &&mut TrackedPerson| {
-            before.samples.last().is_some_and(|last| {
-                let [dx_m, dy_m] = [0, 1].map(|axis| last.place_m[axis] - first.place_m[axis]);
-                (0.0..=STILL_THERE_S).contains(&(first.t_s - last.t_s))
-                    && dx_m.hypot(dy_m) <= STILL_THERE_M
-            })
-        };
-        let latest =
-            (joined.iter_mut().filter(is_same)).max_by(|a, b| a.end_s().total_cmp(&b.end_s()));
-        match latest {
-            Some(before) => before.samples.append(&mut next.samples),
-            None => joined.push(next),
-        }
-    }
-    joined
 }
 
 fn person(frames: &[PointFrame], track: &Track, site: Option<&Site>) -> TrackedPerson {
