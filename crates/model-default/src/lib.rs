@@ -2,7 +2,7 @@
 //!
 //! Nothing enters and bytes leave, by their path in the folder of the model. `radarllm` reads them as it reads a model
 //! folder. The crate is one of its own, so that a changed weight recompiles no code and the library can be packaged with
-//! its models. It computes nothing and depends on nothing.
+//! its models. It computes nothing and depends on nothing; its build script compares the files with `checksums.txt`.
 //!
 //! | model | what its sentences are made of | what it learned |
 //! |---|---|---|
@@ -138,6 +138,19 @@ mod tests {
             }
             assert!(model.file("lm/model.safetensors").is_none());
             assert!(model.card.starts_with("# "));
+        }
+    }
+
+    /// `build.rs` checks the files that `checksums.txt` names.
+    #[test]
+    fn every_file_has_a_checksum() {
+        let checksums = include_str!("../checksums.txt");
+        for model in [&FEATURES, &TOKENS] {
+            let card = ("README.md", model.card.as_bytes());
+            for (path, bytes) in model.files.iter().copied().chain([card]) {
+                let hash = blake3::hash(bytes).to_hex();
+                assert!(checksums.contains(hash.as_str()), "{}: {path}", model.name);
+            }
         }
     }
 

@@ -554,7 +554,9 @@ mod tests {
                 let points = match t_s {
                     t if t < 60.0 => body(t_s, 2.0 + way_m, 0.0, speed_mps),
                     t if t < 65.0 => body(t_s, still_m, low_m, 0.0),
-                    t if t < 95.0 && i % 40 == 0 => body(t_s, still_m, low_m, 0.0)[..5].to_vec(),
+                    t if t < 95.0 && i.is_multiple_of(40) => {
+                        body(t_s, still_m, low_m, 0.0)[..5].to_vec()
+                    }
                     t if t < 95.0 => Vec::new(),
                     _ => body(t_s, still_m, low_m, 0.0),
                 };
