@@ -8,7 +8,7 @@ use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
 use radarllm_io::{CaptureOptions, Error, Opened, PointStream, RecordingKind, Result, StreamEnd};
 use radarllm_measure::{Site, SiteError, SiteLearner};
 
-use crate::Recording;
+use crate::{Recording, learn_from};
 
 /// Recordings of at most this many frames are read as a whole: an hour at 10 frames/s.
 const MAX_WHOLE_FRAMES: usize = 36_000;
@@ -42,7 +42,7 @@ pub struct LongRecording {
     pub notes: Vec<String>,
     /// What a user should know before trusting the points, a sentence each.
     pub warnings: Vec<String>,
-    /// What people who walk show of the site; `None` if the board tracks nobody.
+    /// What people who walk show of the site; `None` if the board tracks nobody and the points do not show it.
     pub site: Option<std::result::Result<Site, SiteError>>,
 }
 
@@ -161,6 +161,8 @@ pub(crate) fn is_read_twice(opened: &Opened) -> bool {
 struct Survey {
     has_tracks: bool,
     learner: SiteLearner,
+    /// What people show whom the points alone show.
+    by_points: SiteLearner,
 }
 
 impl Survey {
@@ -169,11 +171,16 @@ impl Survey {
         if reports.any(|report| !report.tracks.is_empty()) {
             self.has_tracks = true;
             self.learner.add(frames);
+        } else if !self.has_tracks {
+            learn_from(&mut self.by_points, frames);
         }
     }
 
     fn site(&self, radar: &str) -> Option<std::result::Result<Site, SiteError>> {
-        self.has_tracks.then(|| self.learner.site(radar))
+        match self.has_tracks {
+            true => Some(self.learner.site(radar)),
+            false => self.by_points.site(radar).ok().map(Ok),
+        }
     }
 }
 
