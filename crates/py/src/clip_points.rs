@@ -1,12 +1,11 @@
 //! The points of several clips in one piece of memory, from which batches for training are gathered.
 
-use arrow_array::{
-    Array, FixedSizeListArray, Float32Array, ListArray, RecordBatch, StringArray, cast::AsArray,
-    types::Float32Type,
-};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use radarllm::{Error, Result};
+use radarllm::{
+    Error, Result,
+    table::{Column, List, Table, Values},
+};
 
 use crate::points::view;
 
@@ -16,8 +15,8 @@ const N_VALUES: usize = 6;
 /// Points and sentences of at most 32 clips, as they lie in the file.
 #[pyclass(frozen, name = "_ClipPoints", module = "radarllm._native")]
 pub struct PyClipPoints {
-    /// All points one after the other; the array keeps the memory of the file's column.
-    values: Float32Array,
+    /// All points one after the other.
+    values: Vec<f32>,
     /// Points of frame i are those from `frame_offsets[i]` to `frame_offsets[i + 1]`.
     frame_offsets: Vec<i64>,
     /// Frames of clip i are those from `clip_offsets[i]` to `clip_offsets[i + 1]`.
@@ -29,70 +28,65 @@ pub struct PyClipPoints {
 
 impl PyClipPoints {
     /// Takes the points out of rows of a shard.
-    pub fn new(batch: RecordBatch) -> Result<Self> {
-        let frames = list(&batch, "points")?;
-        let points: &ListArray = inner(frames.values().as_list_opt::<i32>())?;
-        let values: &FixedSizeListArray = inner(points.values().as_fixed_size_list_opt())?;
-        let leaf: &Float32Array = inner(values.values().as_primitive_opt::<Float32Type>())?;
-        if values.value_length() as usize != N_VALUES || leaf.len() != values.len() * N_VALUES {
+    pub fn new(mut rows: Table) -> Result<Self> {
+        let at = rows.columns.iter().position(|c| c.name == "points");
+        let frames = list(at.map(|at| rows.columns.swap_remove(at)))?;
+        let (clip_offsets, points) = frames.into_parts();
+        let (frame_offsets, values) = list(Some(points))?.into_parts();
+        let (_, leaf) = list(Some(values))?.into_parts();
+        let Values::F32(values) = leaf.values else {
+            return Err(unexpected());
+        };
+        let n_points = frame_offsets.last().copied().unwrap_or_default();
+        if values.len() != n_points * N_VALUES {
             return Err(unexpected());
         }
-        if leaf.null_count() > 0 {
-            return Err(Error::input("column `points`: a value is null"));
-        }
-        if let Some(at) = leaf.values().iter().position(|v| !v.is_finite()) {
-            let value = leaf.value(at);
+        if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+            let value = values[at];
             return Err(Error::input(format!(
                 "column `points`, point {}: a value is {value}",
                 at / N_VALUES
             )));
         }
-        let captions = list(&batch, "captions")?;
-        let captions = (0..captions.len()).map(|row| {
-            let of_row = captions.value(row);
-            let texts: &StringArray = inner(of_row.as_string_opt::<i32>())?;
-            let texts: Vec<String> = texts.iter().flatten().map(str::to_string).collect();
-            match texts.is_empty() {
-                true => Err(Error::input(format!("column `captions`, row {row}: none"))),
-                false => Ok(texts),
+        let captions = rows.column("captions").and_then(Column::as_list);
+        let captions = captions.ok_or_else(unexpected)?;
+        let texts_of = captions.element().as_text().ok_or_else(unexpected)?;
+        let of_clips = (0..captions.n_rows()).map(|row| match captions.range(row) {
+            none if none.is_empty() => {
+                Err(Error::input(format!("column `captions`, row {row}: none")))
             }
+            some => Ok(texts_of[some].to_vec()),
         });
         Ok(Self {
-            frame_offsets: offsets(points),
-            clip_offsets: offsets(frames),
-            ids: texts(&batch, "id")?,
-            actions: texts(&batch, "action")?,
-            captions: captions.collect::<Result<_>>()?,
-            values: leaf.clone(),
+            frame_offsets: offsets(frame_offsets),
+            clip_offsets: offsets(clip_offsets),
+            ids: texts(&rows, "id")?,
+            actions: texts(&rows, "action")?,
+            captions: of_clips.collect::<Result<_>>()?,
+            values,
         })
     }
 }
 
-fn list<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a ListArray> {
-    inner(
-        batch
-            .column_by_name(name)
-            .and_then(|column| column.as_list_opt::<i32>()),
-    )
+fn list(column: Option<Column>) -> Result<List> {
+    match column.map(|column| column.values) {
+        Some(Values::List(lists)) => Ok(lists),
+        _ => Err(unexpected()),
+    }
 }
 
-fn texts(batch: &RecordBatch, name: &str) -> Result<Vec<String>> {
-    let column = batch.column_by_name(name);
-    let texts: &StringArray = inner(column.and_then(|c| c.as_string_opt::<i32>()))?;
-    Ok(texts.iter().flatten().map(str::to_string).collect())
+fn texts(rows: &Table, name: &str) -> Result<Vec<String>> {
+    let texts = rows.column(name).and_then(Column::as_text);
+    Ok(texts.ok_or_else(unexpected)?.to_vec())
 }
 
 /// The reader compares the columns with those of the data set, so that no file leads here.
-fn inner<T>(found: Option<T>) -> Result<T> {
-    found.ok_or_else(unexpected)
-}
-
 fn unexpected() -> Error {
     Error::input("the columns are not those of a data set")
 }
 
-fn offsets(list: &ListArray) -> Vec<i64> {
-    list.value_offsets().iter().map(|&o| i64::from(o)).collect()
+fn offsets(offsets: Vec<usize>) -> Vec<i64> {
+    offsets.into_iter().map(|o| o as i64).collect()
 }
 
 #[pymethods]
@@ -104,7 +98,7 @@ impl PyClipPoints {
     /// x, y, z, range in m, velocity in m/s, intensity in dB: float32, shape (n_points, 6), read-only, without a copy.
     #[getter]
     fn points<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let values = this.get().values.values();
+        let values = &this.get().values;
         // SAFETY: the object is frozen and keeps the column, whose buffer nobody changes.
         let flat = unsafe { view(values, this.clone().into_any()) };
         flat.reshape([values.len() / N_VALUES, N_VALUES])

@@ -2,7 +2,7 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Mutex, OnceLock, PoisonError},
+    sync::{Arc, Mutex, OnceLock, PoisonError},
     thread,
     time::{Duration, Instant},
 };
@@ -478,11 +478,9 @@ impl PySplit {
         let _ = requested_schema;
         let batches = self.dataset.iter_batches(self.split);
         let external = |e| arrow_schema::ArrowError::ExternalError(Box::new(e));
-        let batches = batches.map(move |batch| batch.map_err(external));
-        arrow::capsule(
-            py,
-            Box::new(RecordBatchIterator::new(batches, BatchIter::schema())),
-        )
+        let batches = batches.map(move |rows| arrow::batch_of(rows.map_err(external)?));
+        let schema = Arc::new(arrow::schema_of(&BatchIter::no_rows()));
+        arrow::capsule(py, Box::new(RecordBatchIterator::new(batches, schema)))
     }
 
     fn __repr__(&self) -> String {

@@ -21,7 +21,7 @@ use pyo3::{
 use radarllm::{
     Clip, Clutter, Overwrite, PointFrame, PointsMeta, Provenance, RadarPoint, Recording,
     inference::PrepareOptions, io::options::DEFAULT_RADAR_HEIGHT_M,
-    io::recording::read_points_file, point_columns, points_to_batch, write_clip,
+    io::recording::read_points_file, point_columns, points_to_table, table::Table, write_clip,
 };
 use radarllm_base::{BoardReport, BoardTrack};
 
@@ -94,6 +94,10 @@ impl From<Clip> for PyPoints {
     }
 }
 
+fn arrow_batch(table: Table) -> radarllm::Result<RecordBatch> {
+    arrow::batch_of(table).map_err(|e| radarllm::Error::input(e.to_string()))
+}
+
 impl PyPoints {
     pub fn clip(&self) -> &Clip {
         &self.recording.clip
@@ -106,7 +110,7 @@ impl PyPoints {
         }
         let clip = self.clip();
         let table = work::run(py, |_| {
-            Ok(points_to_batch(&PointsMeta::of(clip), &clip.frames)?)
+            arrow_batch(points_to_table(&PointsMeta::of(clip), &clip.frames)?)
         })?;
         Ok(self.table.get_or_init(|| table))
     }
@@ -120,7 +124,7 @@ impl PyPoints {
         let columns = match table.num_rows() == clip.n_points() {
             true => table.clone(),
             false => work::run(py, |_| {
-                Ok(point_columns(&PointsMeta::of(clip), &clip.frames)?)
+                arrow_batch(point_columns(&PointsMeta::of(clip), &clip.frames)?)
             })?,
         };
         Ok(self.columns.get_or_init(|| columns))

@@ -86,8 +86,8 @@ pub use radarllm_base::{
 };
 #[cfg(feature = "parquet")]
 pub use radarllm_dataset::{
-    Overwrite, PointsWriter, point_columns, points_from_batches, points_to_batch, write_clip,
-    write_points, write_points_with,
+    Overwrite, PointsWriter, is_points_column, point_columns, points_from_tables, points_to_table,
+    table, write_clip, write_points, write_points_with,
 };
 pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{

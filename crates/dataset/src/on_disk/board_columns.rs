@@ -4,18 +4,11 @@
 //! the firmware tracks in a plane. Column `board_present` is a nullable boolean. Both are stated in the first row of a frame
 //! and null in the others; a list without tracks is a report of nobody, null is no report.
 
-use std::ops::Range;
 use std::path::Path;
-use std::sync::Arc;
 
-use arrow_array::{
-    Array, ArrayRef, BooleanArray, Float32Array, LargeListArray, ListArray, RecordBatch,
-    StructArray, UInt32Array,
-    builder::{BooleanBuilder, Float32Builder, ListBuilder, StructBuilder, UInt32Builder},
-};
-use arrow_schema::{DataType, Field, Fields};
 use radarllm_base::{BoardReport, BoardTrack};
 
+use super::table::{Column, List, Offsets, Table, Values};
 use crate::DatasetError;
 
 /// Names of the columns.
@@ -28,38 +21,28 @@ const MAX_VALUE: f32 = 10_000.0;
 /// The member that may be null.
 const HEIGHT: usize = 2;
 
-fn track_fields() -> Fields {
-    let members = MEMBERS.iter().enumerate();
-    let members =
-        members.map(|(i, name)| Arc::new(Field::new(*name, DataType::Float32, i == HEIGHT)));
-    let id = Arc::new(Field::new("id", DataType::UInt32, false));
-    std::iter::once(id).chain(members).collect()
-}
-
-fn element() -> Field {
-    Field::new("element", DataType::Struct(track_fields()), false)
-}
-
-/// The fields of the columns.
-pub(super) fn fields() -> [Field; 2] {
-    [
-        Field::new(TRACKS, DataType::List(Arc::new(element())), true),
-        Field::new(PRESENT, DataType::Boolean, true),
-    ]
-}
-
 /// Rows that are not written yet.
 pub(super) struct BoardBuilder {
-    tracks: ListBuilder<StructBuilder>,
-    present: BooleanBuilder,
+    /// Where the tracks of each row begin.
+    offsets: Offsets,
+    has_report: Vec<bool>,
+    ids: Vec<u32>,
+    members: [Vec<f32>; MEMBERS.len()],
+    has_height: Vec<bool>,
+    present: Vec<bool>,
+    knows_presence: Vec<bool>,
 }
 
 impl Default for BoardBuilder {
     fn default() -> Self {
         Self {
-            tracks: ListBuilder::new(StructBuilder::from_fields(track_fields(), 0))
-                .with_field(element()),
-            present: BooleanBuilder::new(),
+            offsets: Offsets::new(),
+            has_report: Vec::new(),
+            ids: Vec::new(),
+            members: Default::default(),
+            has_height: Vec::new(),
+            present: Vec::new(),
+            knows_presence: Vec::new(),
         }
     }
 }
@@ -67,32 +50,35 @@ impl Default for BoardBuilder {
 impl BoardBuilder {
     /// Adds a row.
     pub(super) fn push(&mut self, report: Option<&BoardReport>) {
-        let Some(report) = report else {
-            self.tracks.append_null();
-            self.present.append_null();
-            return;
-        };
-        for track in &report.tracks {
-            let row = self.tracks.values();
-            if let Some(ids) = row.field_builder::<UInt32Builder>(0) {
-                ids.append_value(track.id);
+        let tracks = report.map_or(&[][..], |report| &report.tracks);
+        for track in tracks {
+            self.ids.push(track.id);
+            self.has_height.push(track.height_m.is_some());
+            for (column, value) in self.members.iter_mut().zip(members_of(track)) {
+                column.push(value.unwrap_or_default());
             }
-            for (i, value) in members_of(track).into_iter().enumerate() {
-                if let Some(values) = row.field_builder::<Float32Builder>(1 + i) {
-                    values.append_option(value);
-                }
-            }
-            row.append(true);
         }
-        self.tracks.append(true);
-        self.present.append_option(report.is_present);
+        self.offsets.push(tracks.len());
+        self.has_report.push(report.is_some());
+        let is_present = report.and_then(|report| report.is_present);
+        self.present.push(is_present.unwrap_or_default());
+        self.knows_presence.push(is_present.is_some());
     }
 
-    /// The columns, in the order of [`fields`].
-    pub(super) fn finish(mut self) -> [ArrayRef; 2] {
+    /// The columns.
+    pub(super) fn finish(self) -> [Column; 2] {
+        let mut members = vec![Column::new("id", Values::U32(self.ids))];
+        for (i, (name, values)) in MEMBERS.into_iter().zip(self.members).enumerate() {
+            let values = Values::F32(values);
+            members.push(match i == HEIGHT {
+                true => Column::nullable(name, values, self.has_height.clone()),
+                false => Column::new(name, values),
+            });
+        }
+        let tracks = Column::element(Values::Struct(members));
         [
-            Arc::new(self.tracks.finish()),
-            Arc::new(self.present.finish()),
+            Column::nullable(TRACKS, self.offsets.lists(tracks), self.has_report),
+            Column::nullable(PRESENT, Values::Bool(self.present), self.knows_presence),
         ]
     }
 }
@@ -117,113 +103,89 @@ pub(super) fn out_of_range(report: &BoardReport) -> Option<(&'static str, f32)> 
     members.into_iter().find(|(_, value)| !is_in_range(*value))
 }
 
-/// A column of lists, with offsets of 32 bits, or of 64, which some Arrow libraries make of them.
-#[derive(Clone, Copy)]
-enum Lists<'a> {
-    Small(&'a ListArray),
-    Large(&'a LargeListArray),
-}
-
-impl<'a> Lists<'a> {
-    fn of(column: &'a ArrayRef) -> Option<Self> {
-        let small = column.as_any().downcast_ref().map(Self::Small);
-        small.or_else(|| column.as_any().downcast_ref().map(Self::Large))
-    }
-
-    fn values(self) -> &'a ArrayRef {
-        match self {
-            Self::Small(lists) => lists.values(),
-            Self::Large(lists) => lists.values(),
-        }
-    }
-
-    /// The elements of a row; `None` if it is null.
-    fn at(self, row: usize) -> Option<Range<usize>> {
-        match self {
-            Self::Small(lists) => lists.is_valid(row).then(|| {
-                let offsets = lists.value_offsets();
-                offsets[row] as usize..offsets[row + 1] as usize
-            }),
-            Self::Large(lists) => lists.is_valid(row).then(|| {
-                let offsets = lists.value_offsets();
-                offsets[row] as usize..offsets[row + 1] as usize
-            }),
-        }
-    }
-}
-
-/// The columns of a batch.
+/// The columns in some rows.
 pub(super) struct BoardColumns<'a> {
     path: &'a Path,
     first_row: u64,
-    lists: Lists<'a>,
-    ids: &'a UInt32Array,
-    members: [&'a Float32Array; 6],
-    present: Option<&'a BooleanArray>,
+    tracks: &'a Column,
+    lists: &'a List,
+    ids: (&'a Column, &'a [u32]),
+    members: [(&'a Column, &'a [f32]); MEMBERS.len()],
+    present: Option<(&'a Column, &'a [bool])>,
 }
 
 impl<'a> BoardColumns<'a> {
-    /// `None` if the batch has none.
+    /// `None` if the table has none.
     ///
     /// # Errors
     /// Columns of other types.
     pub(super) fn of(
         path: &'a Path,
-        batch: &'a RecordBatch,
+        rows: &'a Table,
         first_row: u64,
     ) -> Result<Option<Self>, DatasetError> {
-        let Some(column) = batch.column_by_name(TRACKS) else {
+        let Some(tracks) = rows.column(TRACKS) else {
             return Ok(None);
         };
-        let of_other_type = |name: &str, expected: &str, found: &ArrayRef| DatasetError::Column {
+        let of_other_type = |expected: &str, found: &Column| DatasetError::Column {
             path: path.to_path_buf(),
-            column: name.into(),
+            column: found.name.clone(),
             expected: expected.into(),
-            found: found.data_type().to_string(),
+            found: found.type_name(),
         };
         let expected = "a list of structs of id (32-bit unsigned integer), x_m, y_m, z_m, vx_mps, vy_mps and vz_mps \
                         (32-bit floats)";
-        let bad = || of_other_type(TRACKS, expected, column);
-        let lists = Lists::of(column).ok_or_else(bad)?;
-        let structs = lists.values().as_any().downcast_ref::<StructArray>();
-        let structs = structs.ok_or_else(bad)?;
-        let ids = structs.column_by_name("id");
-        let ids = ids.and_then(|a| a.as_any().downcast_ref());
-        let member = |name: &str| -> Result<&'a Float32Array, DatasetError> {
-            let values = structs.column_by_name(name);
-            let values = values.and_then(|a| a.as_any().downcast_ref());
-            values.ok_or_else(bad)
+        let bad = || of_other_type(expected, tracks);
+        let lists = tracks.as_list().ok_or_else(bad)?;
+        let Values::Struct(of_track) = &lists.element().values else {
+            return Err(bad());
+        };
+        let member = |name: &str| of_track.iter().find(|column| column.name == name);
+        let numbers = |name: &str| -> Result<(&'a Column, &'a [f32]), DatasetError> {
+            let column = member(name).ok_or_else(bad)?;
+            Ok((column, column.as_f32().ok_or_else(bad)?))
+        };
+        let ids = match member("id") {
+            Some(column) => match &column.values {
+                Values::U32(ids) => (column, ids.as_slice()),
+                _ => return Err(bad()),
+            },
+            None => return Err(bad()),
         };
         let [x, y, z, vx, vy, vz] = MEMBERS;
-        let present = batch.column_by_name(PRESENT).map(|column| {
-            let values = column.as_any().downcast_ref::<BooleanArray>();
-            values.ok_or_else(|| of_other_type(PRESENT, "a boolean", column))
-        });
+        let present = match rows.column(PRESENT) {
+            Some(column) => match &column.values {
+                Values::Bool(values) => Some((column, values.as_slice())),
+                _ => return Err(of_other_type("a boolean", column)),
+            },
+            None => None,
+        };
         Ok(Some(Self {
             path,
             first_row,
+            tracks,
             lists,
-            ids: ids.ok_or_else(bad)?,
+            ids,
             members: [
-                member(x)?,
-                member(y)?,
-                member(z)?,
-                member(vx)?,
-                member(vy)?,
-                member(vz)?,
+                numbers(x)?,
+                numbers(y)?,
+                numbers(z)?,
+                numbers(vx)?,
+                numbers(vy)?,
+                numbers(vz)?,
             ],
-            present: present.transpose()?,
+            present,
         }))
     }
 
-    /// The report in a row of the batch.
+    /// The report in a row.
     ///
     /// # Errors
     /// Values that are null, but for heights, or not finite.
     pub(super) fn at(&self, row: usize) -> Result<Option<BoardReport>, DatasetError> {
-        let Some(elements) = self.lists.at(row) else {
+        if self.tracks.is_null(row) {
             return Ok(None);
-        };
+        }
         let bad = |name: &str, problem: String| DatasetError::Value {
             path: self.path.to_path_buf(),
             column: TRACKS.into(),
@@ -231,13 +193,14 @@ impl<'a> BoardColumns<'a> {
             problem: format!("{name} {problem}"),
         };
         let track = |at: usize| {
-            if self.ids.is_null(at) {
+            let (ids, id_numbers) = self.ids;
+            if ids.is_null(at) || self.lists.element().is_null(at) {
                 return Err(bad("id", "is null".into()));
             }
             let mut values = [None; 6];
             for (i, value) in values.iter_mut().enumerate() {
-                let (name, member) = (MEMBERS[i], self.members[i]);
-                *value = member.is_valid(at).then(|| member.value(at));
+                let (name, (member, numbers)) = (MEMBERS[i], self.members[i]);
+                *value = (!member.is_null(at)).then(|| numbers[at]);
                 match *value {
                     None if i != HEIGHT => return Err(bad(name, "is null".into())),
                     Some(v) if !is_in_range(v) => {
@@ -248,16 +211,16 @@ impl<'a> BoardColumns<'a> {
             }
             let [x_m, y_m, height_m, vx, vy, vz] = values;
             Ok(BoardTrack {
-                id: self.ids.value(at),
+                id: id_numbers[at],
                 place_m: [x_m, y_m].map(Option::unwrap_or_default),
                 height_m,
                 velocity_mps: [vx, vy, vz].map(Option::unwrap_or_default),
             })
         };
-        let is_present = self.present.filter(|column| column.is_valid(row));
+        let is_present = self.present.filter(|(column, _)| !column.is_null(row));
         Ok(Some(BoardReport {
-            tracks: elements.map(track).collect::<Result<_, _>>()?,
-            is_present: is_present.map(|column| column.value(row)),
+            tracks: self.lists.range(row).map(track).collect::<Result<_, _>>()?,
+            is_present: is_present.map(|(_, values)| values[row]),
         }))
     }
 }

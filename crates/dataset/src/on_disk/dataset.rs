@@ -3,10 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::manifest::{MANIFEST_NAME, ShardEntry, hash_file};
-use arrow_array::RecordBatch;
-use arrow_schema::SchemaRef;
-
 use super::shard::{self, BatchReader, ShardReader};
+use super::table::Table;
 use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
 
 /// An opened data set. Its manifest has been read and checked; its shards have not been read yet.
@@ -69,7 +67,7 @@ impl Dataset {
         self.iter_split(split, Columns::All).collect()
     }
 
-    /// Iterates over the rows of a split as Arrow batches, with one row group in memory at a time.
+    /// Iterates over the rows of a split as tables, with one row group in memory at a time.
     pub fn iter_batches(&self, split: Split) -> BatchIter {
         self.batches_of(self.shards(split), Columns::All)
     }
@@ -196,7 +194,7 @@ impl ShardFile {
     }
 }
 
-/// Streams the rows of a split as Arrow batches of at most 32 clips, without looking at the values. The iterator ends
+/// Streams the rows of a split as tables of at most 32 clips, without looking at the values. The iterator ends
 /// after an error.
 pub struct BatchIter {
     columns: Columns,
@@ -207,12 +205,12 @@ pub struct BatchIter {
 }
 
 impl BatchIter {
-    /// Columns of every batch, unless fewer were asked for: see [`crate::shard`].
-    pub fn schema() -> SchemaRef {
-        shard::schema(Columns::All)
+    /// The columns of every table, unless fewer were asked for, without rows: see [`crate::shard`].
+    pub fn no_rows() -> Table {
+        shard::no_rows(Columns::All)
     }
 
-    fn advance(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
+    fn advance(&mut self) -> Result<Option<Table>, DatasetError> {
         loop {
             if let Some(reader) = &mut self.open {
                 if let Some(batch) = reader.next_batch()? {
@@ -230,7 +228,7 @@ impl BatchIter {
 }
 
 impl Iterator for BatchIter {
-    type Item = Result<RecordBatch, DatasetError>;
+    type Item = Result<Table, DatasetError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {

@@ -10,13 +10,10 @@ use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use arrow_schema::SchemaRef;
-use parquet::arrow::arrow_reader::{
-    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder,
-};
 use parquet::basic::{Compression, Type};
 use parquet::file::metadata::ColumnChunkMetaData;
-use parquet::schema::types::SchemaDescriptor;
+use parquet::file::reader::FileReader as _;
+use parquet::file::serialized_reader::SerializedFileReader;
 
 use crate::DatasetError;
 
@@ -40,16 +37,13 @@ const MAX_PAGE_HEADER_BYTES: u64 = 1 << 20;
 /// Maximum size of the text that one column chunk can expand to through its dictionary, bytes.
 const MAX_DICTIONARY_EXPANSION_BYTES: u64 = 1 << 30;
 
-/// Opens `path` and checks every size in it. The file's columns must match what `schema` gives for them.
-/// If it gives none, Arrow types follow from the Parquet types alone. A stored Arrow schema is ignored, which leaves
-/// one parser fewer for hostile bytes.
+/// Opens `path` and checks every size in it.
 pub(crate) fn open(
     path: &Path,
     limits: Limits,
-    schema: impl FnOnce(&SchemaDescriptor) -> Option<SchemaRef>,
-) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
+) -> Result<SerializedFileReader<File>, DatasetError> {
     let file = File::open(path).map_err(DatasetError::io(path, "open"))?;
-    open_file(path, file, limits, schema)
+    open_file(path, file, limits)
 }
 
 /// As [`open`], from a file that is open; `path` names it in errors.
@@ -57,8 +51,7 @@ pub(crate) fn open_file(
     path: &Path,
     mut file: File,
     limits: Limits,
-    schema: impl FnOnce(&SchemaDescriptor) -> Option<SchemaRef>,
-) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
+) -> Result<SerializedFileReader<File>, DatasetError> {
     let info = file.metadata().map_err(DatasetError::io(path, "open"))?;
     if !info.is_file() {
         return Err(DatasetError::corrupt(path, "not a regular file"));
@@ -67,21 +60,12 @@ pub(crate) fn open_file(
     check_limit(path, "file size in bytes", file_bytes, limits.file_bytes)?;
     check_footer(path, &mut file, file_bytes)?;
 
-    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    let metadata = isolated(path, || {
-        let corrupt = |e| DatasetError::corrupt(path, e);
-        let found = ArrowReaderMetadata::load(&file, options.clone()).map_err(corrupt)?;
-        match schema(found.parquet_schema()) {
-            None => Ok(found),
-            Some(schema) => {
-                let options = options.with_schema(schema);
-                ArrowReaderMetadata::try_new(found.metadata().clone(), options).map_err(corrupt)
-            }
-        }
+    let to_read = file.try_clone().map_err(DatasetError::io(path, "open"))?;
+    let reader = isolated(path, || {
+        SerializedFileReader::new(to_read).map_err(|e| DatasetError::corrupt(path, e))
     })?;
-
     let mut rows = 0_u64;
-    for group in metadata.metadata().row_groups() {
+    for group in reader.metadata().row_groups() {
         let group_rows = u64::try_from(group.num_rows()).map_err(|_| {
             DatasetError::corrupt(path, "a row group has a negative number of rows")
         })?;
@@ -91,9 +75,7 @@ pub(crate) fn open_file(
         }
     }
     check_limit(path, "number of rows", rows, limits.rows)?;
-    Ok(ParquetRecordBatchReaderBuilder::new_with_metadata(
-        file, metadata,
-    ))
+    Ok(reader)
 }
 
 /// Runs a decoder step. A panic in it becomes [`DatasetError::Corrupt`].

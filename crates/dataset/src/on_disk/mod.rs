@@ -2,6 +2,7 @@
 
 pub mod points_file;
 pub mod shard;
+pub mod table;
 
 mod board_columns;
 pub mod builder;
@@ -18,6 +19,7 @@ mod file_system;
 mod folder;
 mod guard;
 mod index;
+mod levels;
 mod plan;
 mod work;
 
@@ -31,10 +33,11 @@ pub use index::PreparedPlan;
 pub use info::Info;
 pub use manifest::{Manifest, ShardEntry, SourceLicence};
 pub use points_file::{
-    PointsReader, PointsWriter, point_columns, points_from_batches, points_to_batch, read_points,
-    read_points_from, write_clip, write_points, write_points_with,
+    PointsReader, PointsWriter, is_points_column, point_columns, points_from_tables,
+    points_to_table, read_points, read_points_from, write_clip, write_points, write_points_with,
 };
 pub use shard::Columns;
+pub use table::{Column, Table};
 pub use validate::{Problem, validate, validate_with};
 
 /// What to do if the output exists.

@@ -12,23 +12,16 @@ use std::collections::{HashMap, VecDeque};
 use std::fs::File;
 use std::iter::Peekable;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use arrow_array::{
-    Array, ArrayRef, ArrowPrimitiveType, Float32Array, Float64Array, RecordBatch,
-    RecordBatchReader as _, UInt32Array, builder::Float32Builder, types,
-};
-use arrow_schema::{DataType, Field, Schema};
-use parquet::arrow::ArrowWriter;
-use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
 use parquet::basic::Compression;
-use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use radarllm_base::{BoardReport, Clip, PointFrame, RadarPoint, stats::median_upper};
 
 use super::atomic::write_atomic;
 use super::board_columns::{self, BoardBuilder, BoardColumns};
 use super::guard::{self, Limits};
+use super::levels::{TableReader, TableWriter};
+use super::table::{Column, Table, Values};
 use crate::{DatasetError, Overwrite, PointsFile, PointsMeta};
 
 /// Limits of one points file. Half an hour at 10 frames/s with 1,000 points per frame is 18 M points.
@@ -54,9 +47,6 @@ const PLACE_COLUMNS: [&str; 4] = ["x_m", "y_m", "z_m", "range_m"];
 const GROUP_ROWS: usize = 256 << 10;
 /// Rows decoded at a time.
 const BATCH_ROWS: usize = 8192;
-/// Rows encoded at a time: a multiple of the 1,024 rows after which the writer of Parquet files decides about pages, so that
-/// the bytes of a file do not depend on it.
-const WRITTEN_ROWS: usize = 16 << 10;
 
 /// Writes a clip as a points file, atomically.
 ///
@@ -123,7 +113,7 @@ fn write_frames<E: From<DatasetError>>(
 /// Writes the frames of a points file one by one.
 pub struct PointsWriter<'a> {
     path: &'a Path,
-    writer: ArrowWriter<&'a mut File>,
+    writer: TableWriter<&'a mut File>,
     columns: Columns,
     span: FrameSpan,
     has_speeds: bool,
@@ -133,13 +123,12 @@ impl<'a> PointsWriter<'a> {
     fn new(path: &'a Path, file: &'a mut File, with_board: bool) -> Result<Self, DatasetError> {
         let mut properties = WriterProperties::builder()
             .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
-            .set_compression(Compression::SNAPPY)
-            .set_max_row_group_row_count(Some(GROUP_ROWS));
+            .set_compression(Compression::SNAPPY);
         for name in PLACE_COLUMNS {
             properties = properties.set_column_dictionary_enabled(name.into(), false);
         }
-        let schema = points_schema(with_board);
-        let writer = ArrowWriter::try_new(file, schema, Some(properties.build()))
+        let no_rows = Columns::new(with_board).into_table();
+        let writer = TableWriter::new(file, &no_rows, properties.build())
             .map_err(|e| DatasetError::of_writing(path, e))?;
         Ok(Self {
             path,
@@ -164,7 +153,7 @@ impl<'a> PointsWriter<'a> {
         self.columns.check(self.path, frame)?;
         for row in rows_of(frame) {
             self.columns.push(frame, row);
-            if self.columns.frames.len() == WRITTEN_ROWS {
+            if self.columns.frames.len() == GROUP_ROWS {
                 self.write_rows()?;
             }
         }
@@ -173,9 +162,8 @@ impl<'a> PointsWriter<'a> {
 
     fn write_rows(&mut self) -> Result<(), DatasetError> {
         let next = Columns::new(self.columns.board.is_some());
-        let batch = std::mem::replace(&mut self.columns, next).into_batch();
-        let batch = batch.map_err(|e| DatasetError::corrupt(self.path, e))?;
-        let written = self.writer.write(&batch);
+        let rows = std::mem::replace(&mut self.columns, next).into_table();
+        let written = self.writer.write(&rows);
         written.map_err(|e| DatasetError::of_writing(self.path, e))
     }
 
@@ -188,8 +176,7 @@ impl<'a> PointsWriter<'a> {
             ..meta.clone()
         };
         for (key, value) in metadata_of(&meta, &self.span) {
-            let value = KeyValue::new(key.to_string(), value);
-            self.writer.append_key_value_metadata(value);
+            self.writer.add_metadata(key, value);
         }
         let closed = self.writer.close();
         closed.map_err(|e| DatasetError::of_writing(self.path, e))?;
@@ -197,15 +184,12 @@ impl<'a> PointsWriter<'a> {
     }
 }
 
-/// The points of frames as one Arrow batch with the columns of a points file. The metadata of its schema is that of
-/// [`write_points`], so that [`points_from_batches`] restores frames without points.
+/// The points of frames as a table with the columns of a points file. Its metadata is that of [`write_points`], so that
+/// [`points_from_tables`] restores frames without points.
 ///
 /// # Errors
 /// Frames that [`write_points`] would refuse.
-pub fn points_to_batch(
-    meta: &PointsMeta,
-    frames: &[PointFrame],
-) -> Result<RecordBatch, DatasetError> {
+pub fn points_to_table(meta: &PointsMeta, frames: &[PointFrame]) -> Result<Table, DatasetError> {
     let name = Path::new("points");
     check_meta(name, meta)?;
     let mut span = FrameSpan::default();
@@ -215,24 +199,18 @@ pub fn points_to_batch(
         columns.check(name, frame)?;
         rows_of(frame).for_each(|row| columns.push(frame, row));
     }
-    let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
-    let batch = columns.into_batch().map_err(corrupt)?;
-    let metadata: HashMap<String, String> = metadata_of(meta, &span)
-        .into_iter()
-        .map(|(key, value)| (key.to_string(), value))
-        .collect();
-    let schema = batch.schema().as_ref().clone().with_metadata(metadata);
-    batch.with_schema(Arc::new(schema)).map_err(corrupt)
+    let metadata = metadata_of(meta, &span).into_iter();
+    Ok(Table {
+        metadata: metadata.map(|(k, v)| (k.to_string(), v)).collect(),
+        ..columns.into_table()
+    })
 }
 
-/// The points of frames alone as an Arrow batch, a row for each point: the columns of a points file without those of a board.
+/// The points of frames alone as a table, a row for each point: the columns of a points file without those of a board.
 ///
 /// # Errors
-/// As [`points_to_batch`].
-pub fn point_columns(
-    meta: &PointsMeta,
-    frames: &[PointFrame],
-) -> Result<RecordBatch, DatasetError> {
+/// As [`points_to_table`].
+pub fn point_columns(meta: &PointsMeta, frames: &[PointFrame]) -> Result<Table, DatasetError> {
     let name = Path::new("points");
     check_meta(name, meta)?;
     let mut span = FrameSpan::default();
@@ -247,25 +225,30 @@ pub fn point_columns(
             columns.push(frame, row);
         }
     }
-    let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
-    columns.into_batch().map_err(corrupt)
+    Ok(columns.into_table())
 }
 
-/// Points from Arrow batches with the columns of a points file, of any program. `metadata` is that of their schema, or
-/// what the caller states instead. `name` takes the place of the file in errors.
+/// Whether a column of a points file has this name; others are ignored.
+pub fn is_points_column(name: &str) -> bool {
+    let of_board = [board_columns::TRACKS, board_columns::PRESENT];
+    ["frame", "t_s"].contains(&name) || VALUE_COLUMNS.contains(&name) || of_board.contains(&name)
+}
+
+/// Points from pieces of a table with the columns of a points file, of any program. `metadata` is what is stated of the whole;
+/// that of the pieces is ignored. `name` takes the place of the file in errors.
 ///
 /// # Errors
-/// As [`read_points`].
-pub fn points_from_batches(
+/// As [`read_points`], and those of the pieces.
+pub fn points_from_tables<E: ToString>(
     name: &Path,
     metadata: &HashMap<String, String>,
-    batches: impl IntoIterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>,
+    pieces: impl IntoIterator<Item = Result<Table, E>>,
 ) -> Result<PointsFile, DatasetError> {
     let mut frames: Vec<PointFrame> = Vec::new();
     let mut n_rows = 0_u64;
-    for batch in batches {
-        let batch = batch.map_err(|e| DatasetError::corrupt(name, e))?;
-        let found = n_rows + batch.num_rows() as u64;
+    for rows in pieces {
+        let rows = rows.map_err(|e| DatasetError::corrupt(name, e))?;
+        let found = n_rows + rows.n_rows() as u64;
         if found > LIMITS.rows {
             return Err(DatasetError::Limit {
                 path: name.into(),
@@ -274,7 +257,7 @@ pub fn points_from_batches(
                 max: LIMITS.rows,
             });
         }
-        append_batch(name, &batch, n_rows, &mut frames)?;
+        append_rows(name, &rows, n_rows, &mut frames)?;
         n_rows = found;
     }
     complete(name, metadata, frames)
@@ -297,25 +280,15 @@ pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
 /// # Errors
 /// As [`read_points`].
 pub fn read_points_from(file: File, path: &Path) -> Result<PointsFile, DatasetError> {
-    let builder = guard::open_file(path, file, LIMITS, |_| None)?;
-    let metadata = metadata_in(&builder);
-    let mut reader = reader_of(path, builder)?;
+    let mut reader = reader_of(path, file)?;
+    let metadata = reader.metadata().into_iter().collect();
+    // A file without rows must have the columns nevertheless.
     let mut frames: Vec<PointFrame> = Vec::new();
+    append_rows(path, &reader.no_rows(), 0, &mut frames)?;
     let mut first_row = 0_u64;
-    let mut saw_schema = false;
-    while let Some(batch) = next_batch(path, &mut reader)? {
-        saw_schema = true;
-        append_batch(path, &batch, first_row, &mut frames)?;
-        first_row += batch.num_rows() as u64;
-    }
-    if !saw_schema {
-        // The file has no rows, but the columns must exist nevertheless.
-        append_batch(
-            path,
-            &RecordBatch::new_empty(reader.schema()),
-            0,
-            &mut frames,
-        )?;
+    while let Some(rows) = reader.next_batch()? {
+        append_rows(path, &rows, first_row, &mut frames)?;
+        first_row += rows.n_rows() as u64;
     }
     complete(path, &metadata, frames)
 }
@@ -497,19 +470,6 @@ fn rows_of(frame: &PointFrame) -> impl Iterator<Item = Row<'_>> {
     }))
 }
 
-fn points_schema(with_board: bool) -> Arc<Schema> {
-    let mut fields = vec![
-        Field::new("frame", DataType::UInt32, false),
-        Field::new("t_s", DataType::Float64, false),
-    ];
-    let values = VALUE_COLUMNS.into_iter();
-    fields.extend(values.map(|name| Field::new(name, DataType::Float32, with_board)));
-    if with_board {
-        fields.extend(board_columns::fields());
-    }
-    Arc::new(Schema::new(fields))
-}
-
 /// Rows of a points file that are not written yet.
 struct Columns {
     frames: Vec<u32>,
@@ -563,41 +523,40 @@ impl Columns {
         }
     }
 
-    fn into_batch(self) -> Result<RecordBatch, arrow_schema::ArrowError> {
-        let schema = points_schema(self.board.is_some());
-        let mut columns: Vec<ArrayRef> = vec![
-            Arc::new(UInt32Array::from(self.frames)),
-            Arc::new(Float64Array::from(self.times_s)),
+    fn into_table(self) -> Table {
+        let mut columns = vec![
+            Column::new("frame", Values::U32(self.frames)),
+            Column::new("t_s", Values::F64(self.times_s)),
         ];
-        for column in self.values {
+        for (name, values) in VALUE_COLUMNS.into_iter().zip(self.values) {
+            let values = Values::F32(values);
             columns.push(match &self.board {
-                Some(board) => {
-                    let mut values = Float32Builder::with_capacity(column.len());
-                    values.append_values(&column, &board.are_points);
-                    Arc::new(values.finish())
-                }
-                None => Arc::new(Float32Array::from(column)),
+                Some(board) => Column::nullable(name, values, board.are_points.clone()),
+                None => Column::new(name, values),
             });
         }
         columns.extend(self.board.into_iter().flat_map(|b| b.builder.finish()));
-        RecordBatch::try_new(schema, columns)
+        Table {
+            columns,
+            metadata: Vec::new(),
+        }
     }
 }
 
-fn append_batch(
+fn append_rows(
     path: &Path,
-    batch: &RecordBatch,
+    rows: &Table,
     first_row: u64,
     frames: &mut Vec<PointFrame>,
 ) -> Result<(), DatasetError> {
-    let board = BoardColumns::of(path, batch, first_row)?;
-    let number = numbers(path, batch, "frame", first_row, false)?;
-    let time_s = numbers(path, batch, "t_s", first_row, false)?;
+    let board = BoardColumns::of(path, rows, first_row)?;
+    let number = numbers(path, rows, "frame", first_row, false)?;
+    let time_s = numbers(path, rows, "t_s", first_row, false)?;
     let mut values = Vec::with_capacity(VALUE_COLUMNS.len());
     for name in VALUE_COLUMNS {
-        values.push(numbers(path, batch, name, first_row, board.is_some())?);
+        values.push(numbers(path, rows, name, first_row, board.is_some())?);
     }
-    for row in 0..batch.num_rows() {
+    for row in 0..rows.n_rows() {
         let bad = |column: &str, problem: String| DatasetError::Value {
             path: path.to_path_buf(),
             column: column.into(),
@@ -683,7 +642,7 @@ fn append_batch(
 /// NaN.
 fn numbers(
     path: &Path,
-    batch: &RecordBatch,
+    rows: &Table,
     name: &str,
     first_row: u64,
     may_be_null: bool,
@@ -693,14 +652,13 @@ fn numbers(
         "t_s" => "a 64-bit float",
         _ => "a 32-bit float",
     };
-    let column = batch
-        .column_by_name(name)
-        .ok_or_else(|| DatasetError::Column {
-            path: path.to_path_buf(),
-            column: name.into(),
-            expected: expected.into(),
-            found: "nothing".into(),
-        })?;
+    let wrong = |found: String| DatasetError::Column {
+        path: path.to_path_buf(),
+        column: name.into(),
+        expected: expected.into(),
+        found,
+    };
+    let column = rows.column(name).ok_or_else(|| wrong("nothing".into()))?;
     let bad = |row: usize, problem: String| DatasetError::Value {
         path: path.to_path_buf(),
         column: name.into(),
@@ -711,21 +669,18 @@ fn numbers(
     if let Some(row) = (0..column.len()).find(|&row| !may_be_null && is_null(row)) {
         return Err(bad(row, "is null".into()));
     }
-    let mut values = match column.data_type() {
-        DataType::Float32 => primitive::<types::Float32Type>(column, f64::from),
-        DataType::Float64 => primitive::<types::Float64Type>(column, |v| v),
-        DataType::Int32 => primitive::<types::Int32Type>(column, f64::from),
-        DataType::UInt32 => primitive::<types::UInt32Type>(column, f64::from),
-        DataType::Int64 => primitive::<types::Int64Type>(column, |v| v as f64),
-        DataType::UInt64 => primitive::<types::UInt64Type>(column, |v| v as f64),
-        _ => None,
+    fn to_f64<T: Copy>(values: &[T], convert: impl Fn(T) -> f64) -> Vec<f64> {
+        values.iter().map(|v| convert(*v)).collect()
     }
-    .ok_or_else(|| DatasetError::Column {
-        path: path.to_path_buf(),
-        column: name.into(),
-        expected: expected.into(),
-        found: column.data_type().to_string(),
-    })?;
+    let mut values = match &column.values {
+        Values::F32(v) => to_f64(v, f64::from),
+        Values::F64(v) => v.clone(),
+        Values::I32(v) => to_f64(v, f64::from),
+        Values::U32(v) => to_f64(v, f64::from),
+        Values::I64(v) => to_f64(v, |v| v as f64),
+        Values::U64(v) => to_f64(v, |v| v as f64),
+        _ => return Err(wrong(column.type_name())),
+    };
     let not_finite = (0..values.len()).find(|&row| !values[row].is_finite() && !is_null(row));
     if let Some(row) = not_finite {
         return Err(bad(row, format!("is {}", values[row])));
@@ -736,16 +691,6 @@ fn numbers(
         }
     }
     Ok(values)
-}
-
-fn primitive<T: ArrowPrimitiveType>(
-    column: &ArrayRef,
-    to_f64: impl Fn(T::Native) -> f64,
-) -> Option<Vec<f64>> {
-    let array = column
-        .as_any()
-        .downcast_ref::<arrow_array::PrimitiveArray<T>>()?;
-    Some(array.values().iter().map(|&v| to_f64(v)).collect())
 }
 
 /// Adds the empty frames and the metadata.
@@ -994,10 +939,9 @@ impl Filler {
 /// Reads the frames of a points file one by one, so that memory for all of them is not needed.
 pub struct PointsReader {
     path: PathBuf,
-    reader: ParquetRecordBatchReader,
+    reader: TableReader,
     meta: PointsMeta,
     filler: Filler,
-    n_rows: u64,
     n_read: u64,
     /// Frames with points.
     found: VecDeque<PointFrame>,
@@ -1011,22 +955,18 @@ impl PointsReader {
     /// # Errors
     /// As [`read_points`].
     pub fn open(file: File, path: &Path) -> Result<Option<Self>, DatasetError> {
-        let builder = guard::open_file(path, file, LIMITS, |_| None)?;
-        let stated = Stated::of(path, &metadata_in(&builder))?;
+        let reader = reader_of(path, file)?;
+        let stated = Stated::of(path, &reader.metadata().into_iter().collect())?;
         let (Some(frame_rate_hz), Some(n_frames)) = (stated.frame_rate_hz, stated.n_frames) else {
             return Ok(None);
         };
-        let n_rows = builder.metadata().file_metadata().num_rows();
-        let reader = reader_of(path, builder)?;
         // The columns must exist also in a file without rows.
-        let no_rows = RecordBatch::new_empty(reader.schema());
-        append_batch(path, &no_rows, 0, &mut Vec::new())?;
+        append_rows(path, &reader.no_rows(), 0, &mut Vec::new())?;
         Ok(Some(Self {
             path: path.into(),
             reader,
             meta: stated.meta(frame_rate_hz),
             filler: Filler::new(&stated, frame_rate_hz, n_frames)?,
-            n_rows: u64::try_from(n_rows).unwrap_or_default(),
             n_read: 0,
             found: VecDeque::new(),
             is_over: false,
@@ -1041,7 +981,7 @@ impl PointsReader {
     /// Share of the rows that were read, 0..=1.
     pub fn share_read(&self) -> f64 {
         // The number of rows in a damaged file may be another one.
-        (self.n_read as f64 / self.n_rows.max(1) as f64).min(1.0)
+        (self.n_read as f64 / self.reader.n_rows().max(1) as f64).min(1.0)
     }
 
     /// The next frame; `None` at the end.
@@ -1063,12 +1003,12 @@ impl PointsReader {
             if self.is_over {
                 return Ok(self.filler.next_at_end());
             }
-            match next_batch(&self.path, &mut self.reader)? {
-                Some(batch) => {
+            match self.reader.next_batch()? {
+                Some(rows) => {
                     let mut frames: Vec<PointFrame> = self.found.drain(..).collect();
-                    append_batch(&self.path, &batch, self.n_read, &mut frames)?;
+                    append_rows(&self.path, &rows, self.n_read, &mut frames)?;
                     self.found = frames.into();
-                    self.n_read += batch.num_rows() as u64;
+                    self.n_read += rows.n_rows() as u64;
                 }
                 None => self.is_over = true,
             }
@@ -1076,35 +1016,9 @@ impl PointsReader {
     }
 }
 
-/// The metadata of a Parquet file.
-fn metadata_in(builder: &ParquetRecordBatchReaderBuilder<File>) -> HashMap<String, String> {
-    let metadata = builder.metadata().file_metadata().key_value_metadata();
-    let pairs = metadata.into_iter().flatten();
-    pairs
-        .filter_map(|kv| Some((kv.key.clone(), kv.value.clone()?)))
-        .collect()
-}
-
-fn reader_of(
-    path: &Path,
-    builder: ParquetRecordBatchReaderBuilder<File>,
-) -> Result<ParquetRecordBatchReader, DatasetError> {
-    guard::isolated(path, || {
-        builder
-            .with_batch_size(BATCH_ROWS)
-            .build()
-            .map_err(|e| DatasetError::corrupt(path, e))
-    })
-}
-
-fn next_batch(
-    path: &Path,
-    reader: &mut ParquetRecordBatchReader,
-) -> Result<Option<RecordBatch>, DatasetError> {
-    guard::isolated(path, || {
-        let batch = reader.next().transpose();
-        batch.map_err(|e| DatasetError::corrupt(path, e))
-    })
+fn reader_of(path: &Path, file: File) -> Result<TableReader, DatasetError> {
+    let file = guard::open_file(path, file, LIMITS)?;
+    TableReader::new(path, file, BATCH_ROWS, is_points_column)
 }
 
 /// Median of the ratio of frame number steps to time steps, 1/s.

@@ -17,37 +17,29 @@
 //!
 //! Shards of version 1 lack the last two columns; readers return them as unknown.
 //!
-//! The columns are plain nested lists with fixed-size inner lists, which Hugging Face `datasets` reads without a
-//! schema of its own. Row groups are small ([`ROW_GROUP_CLIPS`]) so that a reader holds few clips.
+//! The columns are plain nested lists, which Hugging Face `datasets` reads without a schema of its own; Parquet has no type
+//! for lists of fixed length, so that readers check it. Row groups are small ([`ROW_GROUP_CLIPS`]) so that a reader holds few clips.
 
 use std::fs::File;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use arrow_array::builder::{
-    FixedSizeListBuilder, Float32Builder, Float64Builder, ListBuilder, StringBuilder, UInt32Builder,
-};
-use arrow_array::cast::AsArray;
-use arrow_array::types::{Float32Type, Float64Type, UInt32Type, UInt64Type};
-use arrow_array::{
-    Array, ArrayRef, Float32Array, ListArray, RecordBatch, StringArray, UInt32Array, UInt64Array,
-};
-use arrow_schema::{DataType, Field, FieldRef, Schema, SchemaRef};
-use parquet::arrow::arrow_reader::ParquetRecordBatchReader;
-use parquet::arrow::{ArrowWriter, ProjectionMask};
 use parquet::basic::Compression;
-use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{PointFrame, RadarPoint};
 
 use super::guard::{self, Limits};
+use super::levels::{TableReader, TableWriter};
+use super::table::{Column, List, Offsets, Table, Values};
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM, Split};
 
 /// Column of [`ClipRecord::rotations6d`].
 const ROTATIONS: &str = "rotations6d";
 /// Column of [`ClipRecord::body_height_m`].
 const BODY_HEIGHT: &str = "body_height_m";
+/// Values of a point.
+const N_VALUES: usize = 6;
 /// Number of clips per row group.
 pub const ROW_GROUP_CLIPS: usize = 32;
 /// Limits of one shard.
@@ -98,39 +90,32 @@ pub(crate) fn write_shard(
     records: &[ClipRecord],
     metadata: Vec<(String, String)>,
 ) -> Result<(), DatasetError> {
-    let corrupt = |e: parquet::errors::ParquetError| DatasetError::of_writing(path, e);
-    let metadata = metadata
-        .into_iter()
-        .map(|(key, value)| KeyValue::new(key, value))
-        .collect();
+    let failed = |e: parquet::errors::ParquetError| DatasetError::of_writing(path, e);
     let mut properties = WriterProperties::builder()
         .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
-        .set_compression(Compression::SNAPPY)
-        .set_key_value_metadata(Some(metadata));
+        .set_compression(Compression::SNAPPY);
     // Measured values rarely repeat: a dictionary would be built, found useless and dropped.
     for column in ["points", "joints", "motion_features", ROTATIONS] {
         let leaf = leaf_path(column);
         properties = properties.set_column_dictionary_enabled(leaf, false);
     }
-    let mut writer = ArrowWriter::try_new(file, schema(Columns::All), Some(properties.build()))
-        .map_err(corrupt)?;
-    for clips in records.chunks(ROW_GROUP_CLIPS) {
-        let batch = batch_of(clips).map_err(|e| DatasetError::corrupt(path, e))?;
-        writer.write(&batch).map_err(corrupt)?;
-        writer.flush().map_err(corrupt)?;
+    let mut writer = TableWriter::new(file, &table_of(&[]), properties.build()).map_err(failed)?;
+    for (key, value) in metadata {
+        writer.add_metadata(&key, value);
     }
-    writer.close().map_err(corrupt)?;
-    Ok(())
+    for clips in records.chunks(ROW_GROUP_CLIPS) {
+        writer.write(&table_of(clips)).map_err(failed)?;
+    }
+    writer.close().map_err(failed)
 }
 
 /// Streams the clips of one shard, in file order. Values are decoded but not checked: see
 /// [`crate::check_record`].
 pub struct ShardReader {
     path: PathBuf,
-    reader: ParquetRecordBatchReader,
+    reader: TableReader,
     /// Decoded rows not yet returned, last first.
     ready: Vec<ClipRecord>,
-    n_rows: u64,
     next_row: u64,
     failed: bool,
 }
@@ -150,12 +135,10 @@ impl ShardReader {
     /// # Errors
     /// Missing or unexpected columns, sizes beyond the limits, damaged bytes.
     pub fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
-        let (reader, n_rows) = open_projected(path, |name| columns.has(name))?;
         Ok(Self {
             path: path.into(),
-            reader,
+            reader: reader_of(path, |name| columns.has(name))?,
             ready: Vec::new(),
-            n_rows,
             next_row: 0,
             failed: false,
         })
@@ -163,17 +146,16 @@ impl ShardReader {
 
     /// Rows of the file.
     pub fn n_rows(&self) -> u64 {
-        self.n_rows
+        self.reader.n_rows()
     }
 
     fn advance(&mut self) -> Result<Option<ClipRecord>, DatasetError> {
         if self.ready.is_empty() {
-            let (path, reader) = (&self.path, &mut self.reader);
-            let Some(batch) = guard::isolated(path, || next_batch(path, reader))? else {
+            let Some(rows) = self.reader.next_batch()? else {
                 return Ok(None);
             };
-            self.ready = guard::isolated(path, || clips_of(path, &batch, self.next_row))?;
-            self.next_row += batch.num_rows() as u64;
+            self.ready = clips_of(&self.path, &rows, self.next_row)?;
+            self.next_row += rows.n_rows() as u64;
             self.ready.reverse();
         }
         Ok(self.ready.pop())
@@ -193,44 +175,44 @@ impl Iterator for ShardReader {
     }
 }
 
-/// Streams the rows of one shard as Arrow batches with the columns of [`schema`].
+/// Streams the rows of one shard as tables with the columns of today.
 pub(crate) struct BatchReader {
     path: PathBuf,
     columns: Columns,
-    reader: ParquetRecordBatchReader,
+    reader: TableReader,
 }
 
 impl BatchReader {
     pub(crate) fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
-        let (reader, _) = open_projected(path, |name| columns.has(name))?;
         Ok(Self {
             path: path.into(),
             columns,
-            reader,
+            reader: reader_of(path, |name| columns.has(name))?,
         })
     }
 
-    /// The next batch; `None` at the end.
-    pub(crate) fn next_batch(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
-        let (path, reader) = (&self.path, &mut self.reader);
-        let Some(batch) = guard::isolated(path, || next_batch(path, reader))? else {
+    /// The next rows; `None` at the end.
+    pub(crate) fn next_batch(&mut self) -> Result<Option<Table>, DatasetError> {
+        let Some(mut rows) = self.reader.next_batch()? else {
             return Ok(None);
         };
-        // The columns of the file may be in another order, and its schema may have metadata.
-        let schema = schema(self.columns);
-        let columns = schema
-            .fields()
-            .iter()
-            .map(|field| {
-                let column = batch.column_by_name(field.name()).cloned();
-                let column = column.or_else(|| unknown_column(field.name(), batch.num_rows()));
-                column.ok_or_else(|| {
-                    DatasetError::corrupt(path, format!("no column `{}`", field.name()))
-                })
-            })
-            .collect::<Result<Vec<ArrayRef>, _>>()?;
-        let batch = RecordBatch::try_new(schema, columns);
-        batch.map(Some).map_err(|e| DatasetError::corrupt(path, e))
+        let n = rows.n_rows();
+        // The columns of the file may be in another order, and lists in it have no fixed length.
+        let columns =
+            no_rows(self.columns).columns.into_iter().map(|expected| {
+                let name = &expected.name;
+                let found = rows.columns.iter().position(|column| column.name == *name);
+                match found.map(|i| rows.columns.swap_remove(i)) {
+                    Some(column) => conform(column, &expected)
+                        .map_err(|found| wrong(&self.path, &expected, &found)),
+                    None => unknown_column(name, n)
+                        .ok_or_else(|| wrong(&self.path, &expected, "nothing")),
+                }
+            });
+        Ok(Some(Table {
+            columns: columns.collect::<Result<_, _>>()?,
+            metadata: Vec::new(),
+        }))
     }
 }
 
@@ -247,13 +229,11 @@ pub(crate) fn read_summaries(path: &Path) -> Result<Vec<ClipSummary>, DatasetErr
         "n_points",
         "duration_s",
     ];
-    let (mut reader, _) = open_projected(path, |name| wanted.contains(&name))?;
+    let mut reader = reader_of(path, |name| wanted.contains(&name))?;
     let mut clips = Vec::new();
-    while let Some(batch) = guard::isolated(path, || next_batch(path, &mut reader))? {
+    while let Some(rows) = reader.next_batch()? {
         let first_row = clips.len() as u64;
-        clips.extend(guard::isolated(path, || {
-            summaries_of(path, &batch, first_row)
-        })?);
+        clips.extend(summaries_of(path, &rows, first_row)?);
     }
     Ok(clips)
 }
@@ -278,111 +258,108 @@ pub(crate) fn duration_s(record: &ClipRecord) -> f32 {
     n_poses as f32 / record.motion_fps
 }
 
-fn element(kind: DataType) -> FieldRef {
-    Arc::new(Field::new("element", kind, false))
-}
-
-fn list(kind: DataType) -> DataType {
-    DataType::List(element(kind))
-}
-
-fn fixed(kind: DataType, length: i32) -> DataType {
-    DataType::FixedSizeList(element(kind), length)
-}
-
-/// The columns of a shard that are asked for.
-pub(crate) fn schema(columns: Columns) -> SchemaRef {
-    let field = |name: &str, kind| Field::new(name, kind, false);
-    let mut fields = vec![
-        field("id", DataType::Utf8),
-        field("motion_id", DataType::Utf8),
-        field("group", DataType::Utf8),
-        field("split", DataType::Utf8),
-        field("action", DataType::Utf8),
-        field("captions", list(DataType::Utf8)),
-        field("source", DataType::Utf8),
-        field("radar", DataType::Utf8),
-        field("radar_height_m", DataType::Float32),
-        field("seed", DataType::UInt64),
-        field("n_frames", DataType::UInt32),
-        field("n_points", DataType::UInt32),
-        field("duration_s", DataType::Float32),
-        field("frame_number", list(DataType::UInt32)),
-        field("frame_time_s", list(DataType::Float64)),
-        field("points", list(list(fixed(DataType::Float32, 6)))),
-        field("motion_fps", DataType::Float32),
-        field(
-            "joints",
-            list(fixed(fixed(DataType::Float32, 3), N_JOINTS as i32)),
-        ),
-        field(
-            "motion_features",
-            list(fixed(DataType::Float32, MOTION_FEATURE_DIM as i32)),
-        ),
-        field(
-            ROTATIONS,
-            list(fixed(fixed(DataType::Float32, 6), N_JOINTS as i32)),
-        ),
-        field(BODY_HEIGHT, DataType::Float32),
-    ];
-    fields.retain(|field| columns.has(field.name()));
-    Arc::new(Schema::new(fields))
-}
-
-/// The columns of a shard with the columns `has`: those of version 2, or those of version 1 if it lacks the new ones.
-fn schema_of_file(has: impl Fn(&str) -> bool) -> SchemaRef {
-    let all = schema(Columns::All);
-    let is_there = |field: &&FieldRef| !is_new(field.name()) || has(field.name());
-    let fields: Vec<FieldRef> = all.fields().iter().filter(is_there).cloned().collect();
-    Arc::new(Schema::new(fields))
-}
-
-/// Whether shards of version 1 lack a column.
-fn is_new(name: &str) -> bool {
-    [ROTATIONS, BODY_HEIGHT].contains(&name)
+/// The columns of a shard that are asked for, without rows.
+pub(crate) fn no_rows(columns: Columns) -> Table {
+    let mut table = table_of(&[]);
+    table.columns.retain(|column| columns.has(&column.name));
+    table
 }
 
 /// A column that shards of version 1 lack, as unknown for `n` clips; `None` for other columns.
-fn unknown_column(name: &str, n: usize) -> Option<ArrayRef> {
+fn unknown_column(name: &str, n: usize) -> Option<Column> {
     match name {
         ROTATIONS => {
-            let mut rotations = rotations_builder();
-            (0..n).for_each(|_| rotations.append(true));
-            Some(Arc::new(rotations.finish()))
+            let mut rotations = FixedLists::default();
+            (0..n).for_each(|_| rotations.offsets.push(0));
+            Some(rotations.column(ROTATIONS, &[6, N_JOINTS]))
         }
-        BODY_HEIGHT => Some(Arc::new(Float32Array::from(vec![0.0; n]))),
+        BODY_HEIGHT => Some(Column::new(BODY_HEIGHT, Values::F32(vec![0.0; n]))),
         _ => None,
     }
 }
 
-/// Builder of a `list of f32[N_JOINTS][width]`.
-type PoseBuilder = ListBuilder<FixedSizeListBuilder<FixedSizeListBuilder<Float32Builder>>>;
-
-fn pose_builder(width: i32) -> PoseBuilder {
-    let joint = FixedSizeListBuilder::new(Float32Builder::new(), width)
-        .with_field(element(DataType::Float32));
-    let pose = FixedSizeListBuilder::new(joint, N_JOINTS as i32)
-        .with_field(element(fixed(DataType::Float32, width)));
-    ListBuilder::new(pose).with_field(element(fixed(
-        fixed(DataType::Float32, width),
-        N_JOINTS as i32,
-    )))
-}
-
-fn rotations_builder() -> PoseBuilder {
-    pose_builder(6)
-}
-
-/// Appends the poses of one clip.
-fn append_poses<const N: usize>(column: &mut PoseBuilder, poses: &[[[f32; N]; N_JOINTS]]) {
-    for pose in poses {
-        for joint in pose {
-            column.values().values().values().append_slice(joint);
-            column.values().values().append(true);
-        }
-        column.values().append(true);
+/// A column of a file with the type of `expected`: lists get the length that they must have. The type that was found instead
+/// is the error.
+fn conform(column: Column, expected: &Column) -> Result<Column, String> {
+    match () {
+        () if column.has_nulls() => Err("nulls".into()),
+        () if fits(&column, expected) => Ok(conformed(column, expected)),
+        () => Err(column.type_name()),
     }
-    column.append(true);
+}
+
+fn fits(column: &Column, expected: &Column) -> bool {
+    let is_like = match (&column.values, &expected.values) {
+        (Values::List(lists), Values::List(expected)) => {
+            let length_fits = expected.length().is_none_or(|n| lists.all_have(n));
+            length_fits && fits(lists.element(), expected.element())
+        }
+        (found, expected) => std::mem::discriminant(found) == std::mem::discriminant(expected),
+    };
+    is_like && !column.has_nulls()
+}
+
+/// A column that [`fits`], with the names and lengths of `expected`.
+fn conformed(column: Column, expected: &Column) -> Column {
+    let values = match (column.values, &expected.values) {
+        (Values::List(lists), Values::List(expected)) => {
+            Values::List(lists.map_element(expected.length(), |element| {
+                conformed(element, expected.element())
+            }))
+        }
+        (values, _) => values,
+    };
+    Column::new(&expected.name, values)
+}
+
+fn wrong(path: &Path, expected: &Column, found: &str) -> DatasetError {
+    DatasetError::Column {
+        path: path.into(),
+        column: expected.name.clone(),
+        expected: expected.type_name(),
+        found: found.into(),
+    }
+}
+
+/// Lists of a number of elements of fixed length each, as which poses and vectors are stored.
+struct FixedLists {
+    offsets: Offsets,
+    values: Vec<f32>,
+}
+
+impl Default for FixedLists {
+    fn default() -> Self {
+        Self {
+            offsets: Offsets::new(),
+            values: Vec::new(),
+        }
+    }
+}
+
+impl FixedLists {
+    /// Adds the poses of one clip.
+    fn push_poses<const N: usize>(&mut self, poses: &[[[f32; N]; N_JOINTS]]) {
+        let values = poses.iter().flatten().flatten();
+        self.values.extend(values);
+        self.offsets.push(poses.len());
+    }
+
+    /// The column, whose elements have the lengths `inner`, from the innermost outwards.
+    fn column(self, name: &str, inner: &[usize]) -> Column {
+        let element = fixed(self.values, inner);
+        Column::new(name, self.offsets.lists(element))
+    }
+}
+
+/// Values as nested lists of the lengths `inner`, from the innermost outwards, whose product divides their number.
+fn fixed(values: Vec<f32>, inner: &[usize]) -> Column {
+    inner
+        .iter()
+        .fold(Column::element(Values::F32(values)), |element, length| {
+            let lists = List::of_length(*length, element);
+            debug_assert!(lists.is_some());
+            Column::element(lists.map_or_else(|| Values::F32(Vec::new()), Values::List))
+        })
 }
 
 /// Parquet path of a nested column's only leaf.
@@ -396,274 +373,212 @@ fn leaf_path(column: &str) -> parquet::schema::types::ColumnPath {
     parquet::schema::types::ColumnPath::new(parts)
 }
 
-fn batch_of(clips: &[ClipRecord]) -> Result<RecordBatch, arrow_schema::ArrowError> {
-    let text = |f: fn(&ClipRecord) -> &str| -> ArrayRef {
-        Arc::new(StringArray::from_iter_values(clips.iter().map(f)))
+/// The rows of clips.
+fn table_of(clips: &[ClipRecord]) -> Table {
+    let text = |f: fn(&ClipRecord) -> &str| {
+        Values::Text(clips.iter().map(|clip| f(clip).to_string()).collect())
     };
+    let f32s = |f: fn(&ClipRecord) -> f32| Values::F32(clips.iter().map(f).collect());
     let n_points = |c: &ClipRecord| c.frames.iter().map(|f| f.points.len()).sum::<usize>() as u32;
 
-    let mut captions = ListBuilder::new(StringBuilder::new()).with_field(element(DataType::Utf8));
-    let mut frame_number =
-        ListBuilder::new(UInt32Builder::new()).with_field(element(DataType::UInt32));
-    let mut frame_time_s =
-        ListBuilder::new(Float64Builder::new()).with_field(element(DataType::Float64));
-    let point =
-        FixedSizeListBuilder::new(Float32Builder::new(), 6).with_field(element(DataType::Float32));
-    let frame = ListBuilder::new(point).with_field(element(fixed(DataType::Float32, 6)));
-    let mut points = ListBuilder::new(frame).with_field(element(list(fixed(DataType::Float32, 6))));
-    let (mut joints, mut rotations) = (pose_builder(3), rotations_builder());
-    let dim = MOTION_FEATURE_DIM as i32;
-    let vector = FixedSizeListBuilder::new(Float32Builder::new(), dim)
-        .with_field(element(DataType::Float32));
-    let mut features = ListBuilder::new(vector).with_field(element(fixed(DataType::Float32, dim)));
-
+    let (mut of_captions, mut captions) = (Offsets::new(), Vec::new());
+    let (mut of_frames, mut numbers, mut times_s) = (Offsets::new(), Vec::new(), Vec::new());
+    let (mut of_points, mut points) = (Offsets::new(), Vec::new());
+    let (mut joints, mut rotations) = (FixedLists::default(), FixedLists::default());
+    let mut features = FixedLists::default();
     for clip in clips {
-        clip.captions
-            .iter()
-            .for_each(|c| captions.values().append_value(c));
-        captions.append(true);
+        captions.extend(clip.captions.iter().cloned());
+        of_captions.push(clip.captions.len());
         for frame in &clip.frames {
-            frame_number.values().append_value(frame.frame);
-            frame_time_s.values().append_value(frame.time_s);
-            let frame_points = points.values();
+            numbers.push(frame.frame);
+            times_s.push(frame.time_s);
             for p in &frame.points {
-                let row = [
+                points.extend([
                     p.x_m,
                     p.y_m,
                     p.z_m,
                     p.range_m,
                     p.velocity_mps,
                     p.intensity_db,
-                ];
-                frame_points.values().values().append_slice(&row);
-                frame_points.values().append(true);
+                ]);
             }
-            frame_points.append(true);
+            of_points.push(frame.points.len());
         }
-        frame_number.append(true);
-        frame_time_s.append(true);
-        points.append(true);
-        append_poses(&mut joints, &clip.joints);
-        append_poses(&mut rotations, &clip.rotations6d);
-        for vector in clip.motion_features.chunks_exact(MOTION_FEATURE_DIM) {
-            features.values().values().append_slice(vector);
-            features.values().append(true);
-        }
-        features.append(true);
+        of_frames.push(clip.frames.len());
+        joints.push_poses(&clip.joints);
+        rotations.push_poses(&clip.rotations6d);
+        let vectors = clip.motion_features.chunks_exact(MOTION_FEATURE_DIM);
+        features.offsets.push(vectors.len());
+        features.values.extend(vectors.flatten());
     }
 
-    RecordBatch::try_new(
-        schema(Columns::All),
-        vec![
-            text(|c| &c.id),
-            text(|c| &c.motion_id),
-            text(|c| &c.group),
-            text(|c| c.split.name()),
-            text(|c| &c.action),
-            Arc::new(captions.finish()),
-            text(|c| &c.source),
-            text(|c| &c.radar),
-            Arc::new(Float32Array::from_iter_values(
-                clips.iter().map(|c| c.radar_height_m),
-            )),
-            Arc::new(UInt64Array::from_iter_values(clips.iter().map(|c| c.seed))),
-            Arc::new(UInt32Array::from_iter_values(
-                clips.iter().map(|c| c.frames.len() as u32),
-            )),
-            Arc::new(UInt32Array::from_iter_values(clips.iter().map(n_points))),
-            Arc::new(Float32Array::from_iter_values(clips.iter().map(duration_s))),
-            Arc::new(frame_number.finish()),
-            Arc::new(frame_time_s.finish()),
-            Arc::new(points.finish()),
-            Arc::new(Float32Array::from_iter_values(
-                clips.iter().map(|c| c.motion_fps),
-            )),
-            Arc::new(joints.finish()),
-            Arc::new(features.finish()),
-            Arc::new(rotations.finish()),
-            Arc::new(Float32Array::from_iter_values(
-                clips.iter().map(|c| c.body_height_m),
-            )),
-        ],
-    )
+    let captions = Column::element(Values::Text(captions));
+    let clouds = Column::element(of_points.lists(fixed(points, &[N_VALUES])));
+    let frames_of = |values: Values| of_frames.clone().lists(Column::element(values));
+    let columns = vec![
+        Column::new("id", text(|c| &c.id)),
+        Column::new("motion_id", text(|c| &c.motion_id)),
+        Column::new("group", text(|c| &c.group)),
+        Column::new("split", text(|c| c.split.name())),
+        Column::new("action", text(|c| &c.action)),
+        Column::new("captions", of_captions.lists(captions)),
+        Column::new("source", text(|c| &c.source)),
+        Column::new("radar", text(|c| &c.radar)),
+        Column::new("radar_height_m", f32s(|c| c.radar_height_m)),
+        Column::new("seed", Values::U64(clips.iter().map(|c| c.seed).collect())),
+        Column::new(
+            "n_frames",
+            Values::U32(clips.iter().map(|c| c.frames.len() as u32).collect()),
+        ),
+        Column::new(
+            "n_points",
+            Values::U32(clips.iter().map(n_points).collect()),
+        ),
+        Column::new("duration_s", f32s(duration_s)),
+        Column::new("frame_number", frames_of(Values::U32(numbers))),
+        Column::new("frame_time_s", frames_of(Values::F64(times_s))),
+        Column::new("points", of_frames.lists(clouds)),
+        Column::new("motion_fps", f32s(|c| c.motion_fps)),
+        joints.column("joints", &[3, N_JOINTS]),
+        features.column("motion_features", &[MOTION_FEATURE_DIM]),
+        rotations.column(ROTATIONS, &[6, N_JOINTS]),
+        Column::new(BODY_HEIGHT, f32s(|c| c.body_height_m)),
+    ];
+    Table {
+        columns,
+        metadata: Vec::new(),
+    }
 }
 
-fn open_projected(
-    path: &Path,
-    wanted: impl Fn(&str) -> bool,
-) -> Result<(ParquetRecordBatchReader, u64), DatasetError> {
-    let builder = guard::open(path, LIMITS, |found| {
-        let has = |name: &str| {
-            found
-                .root_schema()
-                .get_fields()
-                .iter()
-                .any(|f| f.name() == name)
-        };
-        Some(schema_of_file(has))
-    })?;
-    let n_rows = builder.metadata().file_metadata().num_rows().max(0) as u64;
-    let reader = guard::isolated(path, || {
-        let columns = (0..)
-            .zip(builder.schema().fields())
-            .filter(|(_, f)| wanted(f.name()));
-        let mask = ProjectionMask::roots(
-            builder.parquet_schema(),
-            columns.map(|(i, _)| i).collect::<Vec<usize>>(),
-        );
-        builder
-            .with_projection(mask)
-            .with_batch_size(ROW_GROUP_CLIPS)
-            .build()
-            .map_err(|e| DatasetError::corrupt(path, e))
-    })?;
-    Ok((reader, n_rows))
+fn reader_of(path: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<TableReader, DatasetError> {
+    let file = guard::open(path, LIMITS)?;
+    TableReader::new(path, file, ROW_GROUP_CLIPS, is_wanted)
 }
 
-fn next_batch(
-    path: &Path,
-    reader: &mut ParquetRecordBatchReader,
-) -> Result<Option<RecordBatch>, DatasetError> {
-    reader
-        .next()
-        .transpose()
-        .map_err(|e| DatasetError::corrupt(path, e))
-}
-
-/// Typed access to the columns of a batch.
+/// Typed access to the columns of some rows.
 struct Access<'a> {
     path: &'a Path,
-    batch: &'a RecordBatch,
+    rows: &'a Table,
 }
 
 impl<'a> Access<'a> {
-    fn column(&self, name: &str) -> Result<&'a ArrayRef, DatasetError> {
-        let column = self
-            .batch
-            .column_by_name(name)
-            .ok_or_else(|| self.wrong(name, "nothing"))?;
-        if column.null_count() > 0 {
-            return Err(self.wrong(name, "nulls"));
+    fn column(&self, name: &str) -> Result<&'a Column, DatasetError> {
+        let column = self.rows.column(name);
+        let column = column.ok_or_else(|| self.wrong(name, "nothing"))?;
+        match column.has_nulls() {
+            true => Err(self.wrong(name, "nulls")),
+            false => Ok(column),
         }
-        Ok(column)
     }
 
     fn wrong(&self, name: &str, found: &str) -> DatasetError {
-        let expected = schema(Columns::All)
-            .field_with_name(name)
-            .map_or_else(|_| name.into(), |f| f.data_type().to_string());
-        DatasetError::Column {
-            path: self.path.into(),
-            column: name.into(),
-            expected,
-            found: found.into(),
+        let expected = no_rows(Columns::All);
+        match expected.column(name) {
+            Some(expected) => wrong(self.path, expected, found),
+            None => wrong(
+                self.path,
+                &Column::new(name, Values::Text(Vec::new())),
+                found,
+            ),
         }
     }
 
-    fn text(&self, name: &str) -> Result<&'a StringArray, DatasetError> {
-        self.column(name)?
-            .as_string_opt::<i32>()
-            .ok_or_else(|| self.wrong(name, "another type"))
+    /// The values of a column, of which `get` takes those of the right type.
+    fn values<T>(
+        &self,
+        name: &str,
+        get: impl Fn(&'a Column) -> Option<T>,
+    ) -> Result<T, DatasetError> {
+        let column = self.column(name)?;
+        get(column).ok_or_else(|| self.wrong(name, &column.type_name()))
+    }
+
+    fn text(&self, name: &str) -> Result<&'a [String], DatasetError> {
+        self.values(name, Column::as_text)
     }
 
     fn u32(&self, name: &str) -> Result<&'a [u32], DatasetError> {
-        let array = self.column(name)?.as_primitive_opt::<UInt32Type>();
-        Ok(array
-            .ok_or_else(|| self.wrong(name, "another type"))?
-            .values())
-    }
-
-    fn u64(&self, name: &str) -> Result<&'a [u64], DatasetError> {
-        let array = self.column(name)?.as_primitive_opt::<UInt64Type>();
-        Ok(array
-            .ok_or_else(|| self.wrong(name, "another type"))?
-            .values())
+        self.values(name, as_u32)
     }
 
     fn f32(&self, name: &str) -> Result<&'a [f32], DatasetError> {
-        let array = self.column(name)?.as_primitive_opt::<Float32Type>();
-        Ok(array
-            .ok_or_else(|| self.wrong(name, "another type"))?
-            .values())
+        self.values(name, Column::as_f32)
     }
 
-    fn list(&self, name: &str) -> Result<&'a ListArray, DatasetError> {
-        self.column(name)?
-            .as_list_opt::<i32>()
-            .ok_or_else(|| self.wrong(name, "another type"))
+    /// A column of lists, and the elements of all of them, of which `get` takes those of the right type.
+    fn lists<T>(
+        &self,
+        name: &str,
+        get: impl Fn(&'a Column) -> Option<T>,
+    ) -> Result<(&'a List, T), DatasetError> {
+        self.values(name, |column| {
+            let lists = column.as_list()?;
+            Some((lists, get(without_nulls(lists.element())?)?))
+        })
+    }
+
+    /// A column of lists of blocks of numbers of the lengths `inner`, from the outermost inwards.
+    fn blocks(&self, name: &str, inner: &[usize]) -> Result<(&'a List, &'a [f32]), DatasetError> {
+        self.lists(name, |element| flat(element, inner))
     }
 
     fn captions(&self) -> Result<Vec<Vec<String>>, DatasetError> {
-        let lists = self.list("captions")?;
-        let texts = lists
-            .values()
-            .as_string_opt::<i32>()
-            .ok_or_else(|| self.wrong("captions", "another type"))?;
-        Ok((0..lists.len())
-            .map(|row| {
-                range_of(lists, row)
-                    .map(|i| texts.value(i).to_string())
-                    .collect()
-            })
-            .collect())
+        let (lists, texts) = self.lists("captions", Column::as_text)?;
+        let rows = 0..lists.n_rows();
+        Ok(rows.map(|row| texts[lists.range(row)].to_vec()).collect())
     }
 
     fn splits(&self, first_row: u64) -> Result<Vec<Split>, DatasetError> {
-        let names = self.text("split")?;
-        (0..names.len())
-            .map(|row| {
-                Split::from_name(names.value(row)).ok_or_else(|| DatasetError::Value {
+        let names = (first_row..).zip(self.text("split")?);
+        names
+            .map(|(row, name)| {
+                Split::from_name(name).ok_or_else(|| DatasetError::Value {
                     path: self.path.into(),
                     column: "split".into(),
-                    row: first_row + row as u64,
-                    problem: format!("{:?} is not train, val or test", names.value(row)),
+                    row,
+                    problem: format!("{name:?} is not train, val or test"),
                 })
             })
             .collect()
     }
+}
 
-    /// A `list of f32[..]` column as its flat values and the lists that index blocks of them.
-    fn blocks(
-        &self,
-        name: &str,
-        n_fixed: usize,
-    ) -> Result<(&'a ListArray, &'a [f32]), DatasetError> {
-        let lists = self.list(name)?;
-        Ok((lists, self.flat(name, lists.values(), n_fixed)?))
-    }
-
-    fn flat(
-        &self,
-        name: &str,
-        array: &'a ArrayRef,
-        n_fixed: usize,
-    ) -> Result<&'a [f32], DatasetError> {
-        let mut array = array;
-        for _ in 0..n_fixed {
-            let fixed = array
-                .as_fixed_size_list_opt()
-                .ok_or_else(|| self.wrong(name, "another type"))?;
-            array = fixed.values();
-        }
-        let leaf = array
-            .as_primitive_opt::<Float32Type>()
-            .ok_or_else(|| self.wrong(name, "another type"))?;
-        Ok(leaf.values())
+fn as_u32(column: &Column) -> Option<&[u32]> {
+    match &column.values {
+        Values::U32(values) => Some(values),
+        _ => None,
     }
 }
 
-/// Children of one row of a list. Arrow guarantees increasing offsets within the child's length.
-fn range_of(lists: &ListArray, row: usize) -> std::ops::Range<usize> {
-    let offsets = lists.value_offsets();
-    offsets[row] as usize..offsets[row + 1] as usize
+fn as_u64(column: &Column) -> Option<&[u64]> {
+    match &column.values {
+        Values::U64(values) => Some(values),
+        _ => None,
+    }
 }
 
-fn clips_of(
-    path: &Path,
-    batch: &RecordBatch,
-    first_row: u64,
-) -> Result<Vec<ClipRecord>, DatasetError> {
-    let access = Access { path, batch };
+fn as_f64(column: &Column) -> Option<&[f64]> {
+    match &column.values {
+        Values::F64(values) => Some(values),
+        _ => None,
+    }
+}
+
+fn without_nulls(column: &Column) -> Option<&Column> {
+    (!column.has_nulls()).then_some(column)
+}
+
+/// The numbers in nested lists of the lengths `inner`, from the outermost inwards.
+fn flat<'a>(column: &'a Column, inner: &[usize]) -> Option<&'a [f32]> {
+    let leaf = inner.iter().try_fold(column, |column, length| {
+        let lists = without_nulls(column)?.as_list()?;
+        lists.all_have(*length).then(|| lists.element())
+    });
+    without_nulls(leaf?)?.as_f32()
+}
+
+fn clips_of(path: &Path, rows: &Table, first_row: u64) -> Result<Vec<ClipRecord>, DatasetError> {
+    let access = Access { path, rows };
     let (id, motion_id, group) = (
         access.text("id")?,
         access.text("motion_id")?,
@@ -677,84 +592,60 @@ fn clips_of(
     let splits = access.splits(first_row)?;
     let mut captions = access.captions()?;
     let (radar_height_m, motion_fps) = (access.f32("radar_height_m")?, access.f32("motion_fps")?);
-    let seed = access.u64("seed")?;
+    let seed = access.values("seed", as_u64)?;
     let (n_frames, n_points) = (access.u32("n_frames")?, access.u32("n_points")?);
-    let numbers = access.list("frame_number")?;
-    let number_values = numbers
-        .values()
-        .as_primitive_opt::<UInt32Type>()
-        .ok_or_else(|| access.wrong("frame_number", "another type"))?
-        .values();
-    let times = access.list("frame_time_s")?;
-    let time_values = times
-        .values()
-        .as_primitive_opt::<Float64Type>()
-        .ok_or_else(|| access.wrong("frame_time_s", "another type"))?
-        .values();
-    let clouds = access.list("points")?;
-    let frames = clouds
-        .values()
-        .as_list_opt::<i32>()
-        .ok_or_else(|| access.wrong("points", "another type"))?;
-    let point_values = access.flat("points", frames.values(), 1)?;
-    let has_motion = batch.column_by_name("joints").is_some();
-    let joints = if has_motion {
-        Some(access.blocks("joints", 2)?)
-    } else {
-        None
+    let (of_numbers, numbers) = access.lists("frame_number", as_u32)?;
+    let (of_times, times_s) = access.lists("frame_time_s", as_f64)?;
+    let (clouds, (frames, point_values)) = access.lists("points", |element| {
+        let frames = element.as_list()?;
+        Some((frames, flat(frames.element(), &[N_VALUES])?))
+    })?;
+    // They are left out where only points are asked for, and shards of version 1 lack the last two.
+    let has = |name: &str| rows.column(name).is_some();
+    let blocks = |name: &str, inner: &[usize]| match has(name) {
+        true => access.blocks(name, inner).map(Some),
+        false => Ok(None),
     };
-    let features = if has_motion {
-        Some(access.blocks("motion_features", 1)?)
-    } else {
-        None
-    };
-    // Shards of version 1 have neither of the next two.
-    let has = |name: &str| batch.column_by_name(name).is_some();
-    let rotations = match has(ROTATIONS) {
-        true => Some(access.blocks(ROTATIONS, 2)?),
-        false => None,
-    };
+    let joints = blocks("joints", &[N_JOINTS, 3])?;
+    let features = blocks("motion_features", &[MOTION_FEATURE_DIM])?;
+    let rotations = blocks(ROTATIONS, &[N_JOINTS, 6])?;
     let body_height_m = match has(BODY_HEIGHT) {
         true => Some(access.f32(BODY_HEIGHT)?),
         false => None,
     };
 
-    let mut clips = Vec::with_capacity(batch.num_rows());
-    for row in 0..batch.num_rows() {
+    let mut clips = Vec::with_capacity(rows.n_rows());
+    for row in 0..rows.n_rows() {
         let bad = |column: &str, problem: String| DatasetError::Value {
             path: path.into(),
             column: column.into(),
             row: first_row + row as u64,
             problem,
         };
-        let (rows, row_numbers, row_times) = (
-            range_of(clouds, row),
-            range_of(numbers, row),
-            range_of(times, row),
-        );
-        if row_numbers.len() != rows.len()
-            || row_times.len() != rows.len()
-            || n_frames[row] as usize != rows.len()
+        let of_row = clouds.range(row);
+        let (row_numbers, row_times) = (of_numbers.range(row), of_times.range(row));
+        if row_numbers.len() != of_row.len()
+            || row_times.len() != of_row.len()
+            || n_frames[row] as usize != of_row.len()
         {
             return Err(bad(
                 "points",
                 format!(
                     "{} frames, but {} numbers, {} times and n_frames = {}",
-                    rows.len(),
+                    of_row.len(),
                     row_numbers.len(),
                     row_times.len(),
                     n_frames[row]
                 ),
             ));
         }
-        let mut clip_frames = Vec::with_capacity(rows.len());
-        for ((frame_row, &frame), &time_s) in rows
-            .zip(&number_values[row_numbers])
-            .zip(&time_values[row_times])
+        let mut clip_frames = Vec::with_capacity(of_row.len());
+        for ((frame_row, &frame), &time_s) in
+            of_row.zip(&numbers[row_numbers]).zip(&times_s[row_times])
         {
-            let block = range_of(frames, frame_row);
-            let points = point_values[block.start * 6..block.end * 6]
-                .chunks_exact(6)
+            let block = scaled(frames.range(frame_row), N_VALUES);
+            let points = point_values[block]
+                .chunks_exact(N_VALUES)
                 .map(|v| RadarPoint {
                     x_m: v[0],
                     y_m: v[1],
@@ -778,18 +669,17 @@ fn clips_of(
             ));
         }
         let motion_features = features.map_or_else(Vec::new, |(lists, values)| {
-            let block = range_of(lists, row);
-            values[block.start * MOTION_FEATURE_DIM..block.end * MOTION_FEATURE_DIM].to_vec()
+            values[scaled(lists.range(row), MOTION_FEATURE_DIM)].to_vec()
         });
         clips.push(ClipRecord {
-            id: id.value(row).into(),
-            motion_id: motion_id.value(row).into(),
-            group: group.value(row).into(),
+            id: id[row].clone(),
+            motion_id: motion_id[row].clone(),
+            group: group[row].clone(),
             split: splits[row],
-            action: action.value(row).into(),
+            action: action[row].clone(),
             captions: std::mem::take(&mut captions[row]),
-            source: source.value(row).into(),
-            radar: radar.value(row).into(),
+            source: source[row].clone(),
+            radar: radar[row].clone(),
             radar_height_m: radar_height_m[row],
             seed: seed[row],
             frames: clip_frames,
@@ -803,13 +693,18 @@ fn clips_of(
     Ok(clips)
 }
 
+/// The values of blocks of `width` values.
+fn scaled(blocks: Range<usize>, width: usize) -> Range<usize> {
+    blocks.start * width..blocks.end * width
+}
+
 /// Poses of one clip, `[frame][joint][N]`.
 fn poses_of<const N: usize>(
-    (lists, values): (&ListArray, &[f32]),
+    (lists, values): (&List, &[f32]),
     row: usize,
 ) -> Vec<[[f32; N]; N_JOINTS]> {
-    let (block, width) = (range_of(lists, row), N_JOINTS * N);
-    let poses = values[block.start * width..block.end * width].chunks_exact(width);
+    let width = N_JOINTS * N;
+    let poses = values[scaled(lists.range(row), width)].chunks_exact(width);
     poses
         .map(|v| std::array::from_fn(|j| std::array::from_fn(|i| v[j * N + i])))
         .collect()
@@ -817,10 +712,10 @@ fn poses_of<const N: usize>(
 
 fn summaries_of(
     path: &Path,
-    batch: &RecordBatch,
+    rows: &Table,
     first_row: u64,
 ) -> Result<Vec<ClipSummary>, DatasetError> {
-    let access = Access { path, batch };
+    let access = Access { path, rows };
     let (id, motion_id) = (access.text("id")?, access.text("motion_id")?);
     let (action, source) = (access.text("action")?, access.text("source")?);
     let splits = access.splits(first_row)?;
@@ -830,11 +725,11 @@ fn summaries_of(
     let rows = captions.into_iter().enumerate();
     Ok(rows
         .map(|(row, captions)| ClipSummary {
-            id: id.value(row).into(),
-            motion_id: motion_id.value(row).into(),
+            id: id[row].clone(),
+            motion_id: motion_id[row].clone(),
             split: splits[row],
-            action: action.value(row).into(),
-            source: source.value(row).into(),
+            action: action[row].clone(),
+            source: source[row].clone(),
             captions,
             n_frames: n_frames[row],
             n_points: n_points[row],
@@ -873,15 +768,13 @@ mod tests {
     fn shards_of_version_1_are_read() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("old.parquet");
-        let batch = batch_of(&[clip()]).unwrap();
-        let old: Vec<usize> = (0..batch.num_columns())
-            .filter(|i| !is_new(batch.schema().field(*i).name()))
-            .collect();
-        let batch = batch.project(&old).unwrap();
-        assert_eq!(batch.num_columns(), schema(Columns::All).fields().len() - 2);
+        let mut old = table_of(&[clip()]);
+        old.columns
+            .retain(|column| unknown_column(&column.name, 0).is_none());
+        assert_eq!(old.columns.len(), no_rows(Columns::All).columns.len() - 2);
         let file = File::create(&path).unwrap();
-        let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
-        writer.write(&batch).unwrap();
+        let mut writer = TableWriter::new(file, &old, WriterProperties::default()).unwrap();
+        writer.write(&old).unwrap();
         writer.close().unwrap();
 
         let read: Vec<ClipRecord> = ShardReader::open(&path, Columns::All)
@@ -893,11 +786,11 @@ mod tests {
             body_height_m: 0.0,
             ..clip()
         };
-        assert_eq!(read, [expected]);
+        assert_eq!(read, [expected.clone()]);
         // Batches have the columns of today, so that data sets of both versions can be joined.
         let mut batches = BatchReader::open(&path, Columns::All).unwrap();
-        let batch = batches.next_batch().unwrap().unwrap();
-        assert_eq!(batch.schema(), schema(Columns::All));
+        let rows = batches.next_batch().unwrap().unwrap();
+        assert_eq!(rows, table_of(&[expected]));
         assert_eq!(read_summaries(&path).unwrap().len(), 1);
     }
 }

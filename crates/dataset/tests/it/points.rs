@@ -1,12 +1,14 @@
-use std::{collections::HashMap, sync::Arc};
+use std::collections::HashMap;
+use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float32Array, Float64Array, Int64Array, RecordBatch};
-use arrow_schema::{Field, Schema};
-use parquet::arrow::ArrowWriter;
+use parquet::data_type::{DoubleType, FloatType, Int64Type};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
 use radarllm_base::{BoardReport, BoardTrack, PointFrame, RadarPoint};
+use radarllm_dataset::table::{Column, Table, Values};
 use radarllm_dataset::{
-    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, read_points,
-    write_points, write_points_with,
+    DatasetError, Overwrite, PointsFile, PointsMeta, points_from_tables, points_to_table,
+    read_points, write_points, write_points_with,
 };
 
 use crate::support::{Draw, frames, read_both};
@@ -41,17 +43,9 @@ fn round_trip_keeps_everything_even_empty_and_lost_frames() {
         }
         write_points(&path, &meta(), &frames, Overwrite::Refuse).unwrap();
         let found = read_both(&path).unwrap();
-        // The same as Arrow batches, in two pieces.
-        let batch = points_to_batch(&meta(), &frames).unwrap();
-        let half = batch.num_rows() / 2;
-        let pieces = [
-            batch.slice(0, half),
-            batch.slice(half, batch.num_rows() - half),
-        ];
-        let metadata = metadata_of(&batch);
-        let name = std::path::Path::new("table");
-        let batches = points_from_batches(name, &metadata, pieces.map(Ok)).unwrap();
-        assert_eq!(batches, found);
+        // The same as a table.
+        let table = points_to_table(&meta(), &frames).unwrap();
+        assert_eq!(from_tables([table]).unwrap(), found);
         assert_eq!(found.meta, meta());
         assert_eq!(found.frames.len(), frames.len());
         for (a, b) in found.frames.iter().zip(&frames) {
@@ -147,21 +141,47 @@ fn writing_refuses_nan_disorder_and_overwriting() {
     assert_eq!(read_both(&path).unwrap().frames, []);
 }
 
-/// A file as pandas writes it: 64-bit columns, nullable, no metadata of ours.
+/// A file as pandas writes it: 64-bit columns, nullable, no metadata of ours, and a column of another type beside them.
 fn foreign(path: &std::path::Path, frame: Vec<i64>, t_s: Vec<f64>, x_m: Vec<Option<f64>>) {
-    let n = frame.len();
-    let mut columns: Vec<(&str, ArrayRef, bool)> = vec![
-        ("t_s", Arc::new(Float64Array::from(t_s)), true),
-        ("frame", Arc::new(Int64Array::from(frame)), true),
-        ("x_m", Arc::new(Float64Array::from(x_m)), true),
-    ];
-    for name in ["y_m", "z_m", "range_m", "velocity_mps", "intensity_db"] {
-        columns.push((name, Arc::new(Float32Array::from(vec![1.0; n])), true));
-    }
-    let batch = RecordBatch::try_from_iter_with_nullable(columns).unwrap();
+    let schema = "message table {
+        optional double t_s; optional int64 frame; optional double x_m; optional int96 taken; optional float y_m;
+        optional float z_m; optional float range_m; optional float velocity_mps; optional float intensity_db; }";
+    let schema = Arc::new(parse_message_type(schema).unwrap());
     let file = std::fs::File::create(path).unwrap();
-    let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
-    writer.write(&batch).unwrap();
+    let mut writer = SerializedFileWriter::new(file, schema, Arc::default()).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    let n = frame.len();
+    let all = vec![1_i16; n];
+    let mut column = 0;
+    while let Some(mut writer) = group.next_column().unwrap() {
+        match column {
+            0 => writer
+                .typed::<DoubleType>()
+                .write_batch(&t_s, Some(&all), None),
+            1 => writer
+                .typed::<Int64Type>()
+                .write_batch(&frame, Some(&all), None),
+            2 => {
+                let levels: Vec<i16> = x_m.iter().map(|x| i16::from(x.is_some())).collect();
+                let values: Vec<f64> = x_m.iter().flatten().copied().collect();
+                writer
+                    .typed::<DoubleType>()
+                    .write_batch(&values, Some(&levels), None)
+            }
+            3 => writer.typed::<parquet::data_type::Int96Type>().write_batch(
+                &[],
+                Some(&vec![0; n]),
+                None,
+            ),
+            _ => writer
+                .typed::<FloatType>()
+                .write_batch(&vec![1.0; n], Some(&all), None),
+        }
+        .unwrap();
+        writer.close().unwrap();
+        column += 1;
+    }
+    group.close().unwrap();
     writer.close().unwrap();
 }
 
@@ -234,11 +254,9 @@ fn files_from_elsewhere_are_read_or_refused_with_column_and_row() {
 fn missing_columns_are_named() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("p.parquet");
-    let x: ArrayRef = Arc::new(Float32Array::from(vec![1.0]));
-    let batch = RecordBatch::try_from_iter([("x_m", x)]).unwrap();
-    let mut writer =
-        ArrowWriter::try_new(std::fs::File::create(&path).unwrap(), batch.schema(), None).unwrap();
-    writer.write(&batch).unwrap();
+    let schema = Arc::new(parse_message_type("message m { required float x_m; }").unwrap());
+    let file = std::fs::File::create(&path).unwrap();
+    let writer = SerializedFileWriter::new(file, schema, Arc::default()).unwrap();
     writer.close().unwrap();
     let error = read_both(&path).unwrap_err();
     assert!(
@@ -247,13 +265,14 @@ fn missing_columns_are_named() {
     );
 }
 
-/// The metadata of a batch's schema.
-fn metadata_of(batch: &RecordBatch) -> HashMap<String, String> {
-    let schema = batch.schema();
-    let metadata = schema.metadata().iter();
-    metadata
-        .map(|(k, v)| (k.to_string(), v.to_string()))
-        .collect()
+/// Points from the pieces of a table, with the metadata of the first one.
+fn from_tables<const N: usize>(pieces: [Table; N]) -> Result<PointsFile, DatasetError> {
+    let metadata: HashMap<String, String> = pieces[0].metadata.iter().cloned().collect();
+    points_from_tables(
+        std::path::Path::new("table"),
+        &metadata,
+        pieces.map(Ok::<Table, DatasetError>),
+    )
 }
 
 /// Frames with reports of a board: tracks in space and in a plane, nobody, no report, and frames without points.
@@ -312,15 +331,16 @@ fn what_the_board_states_is_kept() {
         );
         assert!((a.time_s - b.time_s).abs() < 1e-12);
     }
-    let batch = points_to_batch(&of_board, &frames).unwrap();
-    let metadata = metadata_of(&batch);
-    let (half, n) = (batch.num_rows() / 2, batch.num_rows());
-    let pieces = [batch.slice(0, half), batch.slice(half, n - half)];
-    let name = std::path::Path::new("table");
-    assert_eq!(
-        points_from_batches(name, &metadata, pieces.map(Ok)).unwrap(),
-        found
-    );
+    // In two pieces.
+    let whole = points_to_table(&of_board, &frames).unwrap();
+    let first = Table {
+        metadata: whole.metadata.clone(),
+        ..points_to_table(&of_board, &frames[..2]).unwrap()
+    };
+    let rest = points_to_table(&of_board, &frames[2..]).unwrap();
+    assert_eq!(first.n_rows() + rest.n_rows(), whole.n_rows());
+    assert_eq!(from_tables([first, rest]).unwrap(), found);
+    assert_eq!(from_tables([whole]).unwrap(), found);
     // Frames one by one; a source whose boards state nothing has no columns for it, and loses nothing without a word.
     let write = |meta: &PointsMeta, name: &str| {
         write_points_with(&dir.path().join(name), meta, Overwrite::Refuse, |writer| {
@@ -349,7 +369,7 @@ fn a_recording_without_reports_has_the_columns_of_points_alone() {
             source: source.into(),
             ..meta()
         };
-        points_to_batch(&meta, &frames).unwrap().num_columns()
+        points_to_table(&meta, &frames).unwrap().columns.len()
     };
     assert_eq!(columns("simulated:builtin:walk"), 8);
     assert_eq!(columns("recorded:radhar:walk.txt"), 8);
@@ -364,44 +384,39 @@ fn damaged_reports_of_a_board_are_refused() {
     if let Some(board) = &mut frames[1].board {
         board.tracks[1].velocity_mps[2] = f32::INFINITY;
     }
-    let error = points_to_batch(&of_board, &frames).unwrap_err().to_string();
+    let error = points_to_table(&of_board, &frames).unwrap_err().to_string();
     assert!(
         error.contains("`board_tracks`, row 2: frame 1: vz_mps is inf"),
         "{error}"
     );
 
-    let batch = points_to_batch(&of_board, &tracked()).unwrap();
-    let read = |batch: RecordBatch| {
-        let metadata = metadata_of(&batch);
-        points_from_batches(std::path::Path::new("table"), &metadata, [Ok(batch)])
-    };
-    let with = |name: &str, column: ArrayRef| {
-        let schema = batch.schema();
-        let mut fields: Vec<_> = schema.fields().iter().map(|f| f.as_ref().clone()).collect();
-        let mut columns = batch.columns().to_vec();
-        let i = schema.index_of(name).unwrap();
-        fields[i] = Field::new(name, column.data_type().clone(), true);
-        columns[i] = column;
-        let schema = Schema::new(fields).with_metadata(schema.metadata().clone());
-        RecordBatch::try_new(Arc::new(schema), columns).unwrap()
+    let table = points_to_table(&of_board, &tracked()).unwrap();
+    let n = table.n_rows();
+    let read = |column: Column| {
+        let mut changed = table.clone();
+        let at = changed.columns.iter().position(|c| c.name == column.name);
+        changed.columns[at.unwrap()] = column;
+        from_tables([changed]).unwrap_err().to_string()
     };
     // Another type, a point of which one value is missing, and a row without anything.
-    let error = read(with(
-        "board_tracks",
-        Arc::new(Float64Array::from(vec![1.0; batch.num_rows()])),
-    ));
-    assert!(error.unwrap_err().to_string().contains("`board_tracks`"));
-    let mut values = vec![Some(1.0_f32); batch.num_rows()];
-    values[0] = None;
-    let error = read(with("z_m", Arc::new(Float32Array::from(values))))
-        .unwrap_err()
-        .to_string();
+    let error = read(Column::new("board_tracks", Values::F64(vec![1.0; n])));
+    assert!(
+        error.contains("`board_tracks`") && error.contains("64-bit float"),
+        "{error}"
+    );
+    let mut validity = vec![true; n];
+    validity[0] = false;
+    let values = Values::F32(vec![1.0; n]);
+    let error = read(Column::nullable("z_m", values, validity));
     assert!(error.contains("`z_m`, row 0: is null"), "{error}");
     // The same report in two rows of a frame.
-    let row = batch.slice(2, 1);
-    let metadata = metadata_of(&batch);
-    let name = std::path::Path::new("table");
-    let error = points_from_batches(name, &metadata, [Ok(row.clone()), Ok(row)]).unwrap_err();
+    let one = PointFrame {
+        points: Vec::new(),
+        ..tracked().swap_remove(1)
+    };
+    let row = points_to_table(&of_board, &[one]).unwrap();
+    assert_eq!(row.n_rows(), 1);
+    let error = from_tables([row.clone(), row]).unwrap_err();
     let error = error.to_string();
     assert!(error.contains("frame 1 has one already"), "{error}");
 }
