@@ -92,6 +92,15 @@ impl Clip {
         }
     }
 
+    /// The clip as a board would have sent it that tracks nobody.
+    #[must_use]
+    pub fn without_tracks(mut self) -> Self {
+        for frame in &mut self.frames {
+            frame.board = None;
+        }
+        self
+    }
+
     /// What is known about the frames.
     pub fn source_info(&self) -> SourceInfo {
         SourceInfo {
@@ -342,7 +351,7 @@ impl FromStr for Provenance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::RadarPoint;
+    use crate::{BoardReport, RadarPoint};
 
     fn clip(velocities: &[f32]) -> Clip {
         let points = velocities.iter().map(|v| RadarPoint {
@@ -384,6 +393,18 @@ mod tests {
         assert_eq!(person.remove_static_clutter(), None);
         assert_eq!(person, settled(&[0.0, 0.0, -0.6, 0.6]));
         assert_eq!(clip(&[]).remove_static_clutter(), None);
+    }
+
+    #[test]
+    fn without_tracks_only_the_reports_of_the_board_are_missing() {
+        let points_alone = clip(&[0.0, 0.6]);
+        let mut tracked = points_alone.clone();
+        tracked.frames[0].board = Some(BoardReport {
+            tracks: Vec::new(),
+            is_present: Some(true),
+        });
+        assert_ne!(tracked, points_alone);
+        assert_eq!(tracked.without_tracks(), points_alone);
     }
 
     #[test]

@@ -95,16 +95,9 @@ impl<'a> PreparedClip<'a> {
         }
     }
 
-    /// The clip as a board would have sent it that tracks nobody.
+    /// The prepared clip by [`Clip::without_tracks`].
     pub fn without_tracks(&self) -> PreparedClip<'static> {
-        let of = |clip: &Clip| {
-            let frames = clip.frames.iter().cloned();
-            let frames = frames.map(|frame| PointFrame {
-                board: None,
-                ..frame
-            });
-            clip.with_frames(frames.collect())
-        };
+        let of = |clip: &Clip| clip.clone().without_tracks();
         let parted = self.parted.as_ref().map(|parted| {
             Box::new(Parted {
                 moving: parted.moving.as_ref().map(of),

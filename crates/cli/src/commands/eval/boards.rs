@@ -211,11 +211,11 @@ fn learn_site(board: &BoardConfig, args: &EvalBoardsArgs, folder: &Path) -> CliR
         paths.sort();
     }
     let clips = paths.iter().map(|path| -> CliResult<_> {
-        let mut clip = open(path, &how)?.clip;
-        if args.without_tracks {
-            clip.frames.iter_mut().for_each(|frame| frame.board = None);
-        }
-        Ok(clip)
+        let clip = open(path, &how)?.clip;
+        Ok(match args.without_tracks {
+            true => clip.without_tracks(),
+            false => clip,
+        })
     });
     site::learn(clips).map_err(|e| CliError::new(format!("{}: {}", path.display(), e.cause)))
 }
