@@ -188,6 +188,7 @@ fn still_seen(
         return samples;
     };
     let mut last_s = lost.t_s;
+    let has_heights = person.samples.iter().any(|s| s.height_m.is_some());
     let mut heights: Vec<(f64, f32)> = Vec::new();
     let begins = frames.partition_point(|frame| frame.time_s <= lost.t_s);
     for frame in &frames[begins..] {
@@ -197,14 +198,14 @@ fn still_seen(
         let is_near = |p: &&RadarPoint| {
             !p.is_leakage() && (p.x_m - lost.place_m[0]).hypot(p.y_m - lost.place_m[1]) <= BODY_M
         };
-        let near: Vec<f32> = (frame.points.iter().filter(is_near))
-            .map(|p| level(site, p))
-            .collect();
+        let near: Vec<&RadarPoint> = frame.points.iter().filter(is_near).collect();
         if near.is_empty() {
             continue;
         }
         last_s = frame.time_s;
-        heights.extend(near.iter().map(|z_m| (frame.time_s, *z_m)));
+        if has_heights {
+            heights.extend(near.iter().map(|p| (frame.time_s, level(site, p))));
+        }
         samples.push(Sample {
             t_s: frame.time_s,
             height_m: height_around(&heights, frame.time_s),
@@ -231,19 +232,19 @@ fn height_around(heights: &[(f64, f32)], t_s: f64) -> Option<f32> {
 }
 
 fn person(frames: &[PointFrame], track: &Track, site: Option<&Site>) -> TrackedPerson {
-    let mut heights: Vec<(f64, f32)> = Vec::new();
+    let mut points: Vec<(f64, &RadarPoint)> = Vec::new();
     for at in &track.frames {
         let frame = &frames[at.frame];
-        let points = at
-            .points
-            .iter()
-            .filter_map(|i| frame.points.get(*i as usize));
-        heights.extend(points.map(|p| (frame.time_s, level(site, p))));
+        let of_frame = (at.points.iter()).filter_map(|i| frame.points.get(*i as usize));
+        points.extend(of_frame.map(|p| (frame.time_s, p)));
     }
-    // Zeros are heights that are not measured.
-    if heights.iter().all(|(_, z_m)| *z_m == 0.0) {
-        heights.clear();
+    // If all are zero, heights are not measured; the tilt of the site must not make some of them. Single zeros are measured: the
+    // elevations of some boards are a few steps, one of which is zero.
+    if points.iter().all(|(_, p)| p.z_m == 0.0) {
+        points.clear();
     }
+    let heights = points.into_iter().map(|(t_s, p)| (t_s, level(site, p)));
+    let heights: Vec<(f64, f32)> = heights.collect();
     let height_m = |t_s: f64| height_around(&heights, t_s);
     let sample = |at: &TrackFrame| {
         let t_s = frames[at.frame].time_s;
@@ -522,6 +523,60 @@ mod tests {
         assert!(sinks_by(1.0, 1.0));
         assert!(!sinks_by(1.0, 0.2));
         assert!(!sinks_by(2.0, 1.0));
+    }
+
+    /// Somebody is tracked for two seconds and then seen without a track, before a radar that is tilted. Where all heights are
+    /// zero, none is measured; where some are, the zeros are measured, too.
+    #[test]
+    fn heights_that_are_all_zero_are_not_measured() {
+        let site = Site {
+            tilt_rad: 0.2,
+            ..Site::unlearned("board", 1.5)
+        };
+        let place_m = [0.0, 3.0];
+        let seen = |z_m: [f32; 9]| -> TrackedPerson {
+            let point = |z_m: f32| RadarPoint {
+                x_m: place_m[0],
+                y_m: place_m[1],
+                z_m,
+                range_m: place_m[1],
+                velocity_mps: 0.3,
+                intensity_db: 15.0,
+            };
+            let frame = |i: u32| PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: z_m.map(point).to_vec(),
+                board: None,
+            };
+            let frames: Vec<PointFrame> = (0..40).map(frame).collect();
+            let at = |frame: usize| TrackFrame {
+                frame,
+                place_m: place_m.map(f64::from),
+                velocity_mps: [0.0; 2],
+                points: (0..9).collect(),
+                is_shared: false,
+            };
+            let track = Track {
+                id: 1,
+                frames: (0..20).map(at).collect(),
+            };
+            let mut person = person(&frames, &track, Some(&site));
+            let lost = still_seen(&frames, &person, f64::INFINITY, Some(&site));
+            person.samples.extend(lost);
+            assert_eq!(person.samples.len(), 40);
+            person
+        };
+        let unknown = seen([0.0; 9]);
+        assert!(unknown.samples.iter().all(|s| s.height_m.is_none()));
+
+        let in_steps = seen([-0.5, -0.5, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5]);
+        // Zero, turned by 0.2 rad 3 m away. The first frame without a track has too few points around it.
+        let expected_m = 3.0 * 0.2_f32.sin();
+        for sample in in_steps.samples.iter().filter(|s| s.t_s != 2.0) {
+            let height_m = sample.height_m.unwrap();
+            assert!((height_m - expected_m).abs() < 1e-3, "{sample:?}");
+        }
     }
 
     /// Somebody walks to and fro, keeps still for half a minute as an upright person or 0.5 m lower, with a point now and then, and
