@@ -444,7 +444,7 @@ fn activities_of(
 ) -> Vec<(Activity, f32)> {
     let mut activities: Vec<(Activity, f32)> = Vec::with_capacity(seconds.len());
     let seen: Vec<Seen> = (0..seconds.len())
-        .map(|at| seen(seconds, at, falls))
+        .map(|at| seen(seconds, at, falls, before))
         .collect();
     let mut kept = match before {
         Before::Nothing => None,
@@ -617,7 +617,7 @@ impl Seen {
     }
 }
 
-fn seen(seconds: &[Second], at: usize, falls: &[Fall]) -> Seen {
+fn seen(seconds: &[Second], at: usize, falls: &[Fall], before: Before) -> Seen {
     let second = &seconds[at];
     if second.is_falling {
         let middle_s = 0.5 * (second.start_s + second.end_s);
@@ -630,7 +630,13 @@ fn seen(seconds: &[Second], at: usize, falls: &[Fall]) -> Seen {
     let around = |n: usize| &seconds[at.saturating_sub(n)..(at + n + 1).min(seconds.len())];
     let near = around(WALKING_NEIGHBOURS);
     let n_walking = near.iter().filter(|s| s.is_walking).count() as f32;
-    let walking = n_walking / near.len() as f32;
+    // At the ends of a window, a single second is no walk of somebody who stayed before: if it is the beginning of one, the next
+    // window shows it. Who walked before goes on.
+    let n_near = match before {
+        Before::Window(Some(_)) => 2 * WALKING_NEIGHBOURS + 1,
+        Before::Window(None) | Before::Nothing | Before::Part(_) => near.len(),
+    };
+    let walking = n_walking / n_near as f32;
     if walking >= WALKING {
         return Seen::Other(Activity::Walks, walking);
     }
@@ -858,6 +864,19 @@ mod tests {
         let walked = found(1.5);
         assert_eq!(walked.len(), 3, "{walked:?}");
         assert_eq!(walked[1].0, Activity::Walks);
+    }
+
+    /// What may be the beginning of a walk, at the end of a window, is one only if the person did not stay before.
+    #[test]
+    fn the_end_of_a_window_alone_shows_no_walk() {
+        let at = |t: f64| Some([3.0 + 0.5 * (t as f32 - 4.0).max(0.0), -0.4, 0.0]);
+        let site = Site::unlearned("board", 1.5);
+        let walks = |before: Before| {
+            let states = measure(&frames(6.1, at), &site, before).unwrap();
+            states.iter().any(|s| s.activity == Activity::Walks)
+        };
+        assert!(!walks(Before::Window(Some(Posture::Sitting))));
+        assert!(walks(Before::Window(None)));
     }
 
     /// Who takes the chair along sits at two places; who leans forward for a moment at one.
