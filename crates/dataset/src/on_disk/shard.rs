@@ -786,7 +786,7 @@ mod tests {
             body_height_m: 0.0,
             ..clip()
         };
-        assert_eq!(read, [expected.clone()]);
+        assert_eq!(read, std::slice::from_ref(&expected));
         // Batches have the columns of today, so that data sets of both versions can be joined.
         let mut batches = BatchReader::open(&path, Columns::All).unwrap();
         let rows = batches.next_batch().unwrap().unwrap();
