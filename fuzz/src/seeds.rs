@@ -1,6 +1,6 @@
 //! Writes the seeds of the fuzz targets: `cargo run --bin seeds` in this folder fills `corpus/TARGET`.
 //!
-//! They are the made-up recordings that the tests read.
+//! They are the made-up recordings that the tests read, and files that our own writers write.
 
 #[allow(dead_code)]
 #[path = "../../crates/formats/tests/it/make.rs"]
@@ -8,6 +8,7 @@ mod make;
 #[allow(dead_code)]
 #[path = "../../crates/formats/tests/it/make_ros2.rs"]
 mod make_ros2;
+mod seeds_of_files;
 
 use std::{fs, io, path::Path};
 
@@ -95,5 +96,5 @@ fn main() -> io::Result<()> {
             write("mars", &format!("array-{i}"), seed)?;
         }
     }
-    Ok(())
+    seeds_of_files::write_all(&write)
 }
