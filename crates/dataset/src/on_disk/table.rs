@@ -1,4 +1,4 @@
-//! Columns of a table in memory: what Parquet files hold ([`super::levels`]), and what bindings hand to Arrow libraries.
+//! Columns of a table in memory: what Parquet files hold (`levels.rs`), and what bindings hand to Arrow libraries.
 
 /// A table: columns of the same length, and what is stated of the whole.
 #[derive(Clone, Debug, Default, PartialEq)]
