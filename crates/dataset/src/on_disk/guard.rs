@@ -38,8 +38,8 @@ const MAX_PAGE_HEADER_BYTES: u64 = 1 << 20;
 /// Maximum size of the text that one column chunk can expand to, bytes: through its dictionary, or through values that begin
 /// as the one before.
 const MAX_TEXT_BYTES: u64 = 1 << 30;
-/// Maximum depth of the schema: ours has fewer than ten levels. The decoder calls itself for every level, and a stack that is full ends
-/// the process.
+/// Maximum depth of the schema: ours has fewer than ten levels. The decoder calls itself for every level, and a stack that is
+/// full ends the process.
 const MAX_SCHEMA_DEPTH: usize = 32;
 /// Number of `DELTA_BYTE_ARRAY` in the `Encoding` of parquet.thrift: values as the length of what they have in common with
 /// the one before, and the rest.
