@@ -6,7 +6,7 @@
 use std::io::{Cursor, Write};
 use std::path::Path;
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{Clip, Clutter, PointFrame, RadarPoint};
 use radarllm_memory::Store;
 use radarllm_memory::store::{PointsOf, Run};
 use radarllm_monitor::messages::About;
@@ -98,6 +98,36 @@ pub fn origin() -> Origin {
         decoder: "greedy".into(),
         version: "0.1.0".into(),
         synthetic: false,
+    }
+}
+
+/// Six seconds of somebody whose height goes up and down, with `radians_per_s`, and whose points have a speed, m/s.
+pub fn moving_up_and_down(radians_per_s: f32, velocity_mps: f32) -> Clip {
+    let frame = |i: u32| {
+        let time_s = i as f32 / 10.0;
+        let point = RadarPoint {
+            y_m: 2.0,
+            z_m: 0.3 * (radians_per_s * time_s).sin(),
+            range_m: 2.0,
+            velocity_mps,
+            ..RadarPoint::default()
+        };
+        PointFrame {
+            frame: i,
+            time_s: time_s.into(),
+            points: vec![point; 5],
+            board: None,
+        }
+    };
+    let Ok(provenance) = "recorded:csv:room.csv".parse();
+    Clip {
+        frames: (0..60).map(frame).collect(),
+        frame_rate_hz: 10.0,
+        radar_height_m: 1.0,
+        is_height_assumed: false,
+        radar: "iwr6843isk".into(),
+        provenance,
+        clutter: Clutter::Settled,
     }
 }
 

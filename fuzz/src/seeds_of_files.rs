@@ -15,14 +15,14 @@ use parquet::data_type::{
 use parquet::file::properties::{WriterProperties, WriterVersion};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
-use radarllm_base::{BoardReport, BoardTrack, Clip, Clutter, Joint, PointFrame, RadarPoint};
+use radarllm_base::{BoardReport, BoardTrack, Joint, PointFrame, RadarPoint};
 use radarllm_dataset::{
     BuildOptions, BuildPlan, ClipRecord, DatasetError, ItemId, MOTION_FEATURE_DIM, Overwrite,
     PointsMeta, SourceLicence, Split, build, write_points,
 };
 use radarllm_engine::{HostTensor, NamedTensors};
 use radarllm_files::npy::{NpyElement, NpyWriter};
-use radarllm_fuzz::{NOW_MS, archive, pack, write_memory};
+use radarllm_fuzz::{NOW_MS, archive, moving_up_and_down, pack, write_memory};
 use radarllm_inference::checkpoint::{CheckpointError, CheckpointFiles};
 use radarllm_inference::lm::card::LmCard;
 use radarllm_inference::lm::{
@@ -779,41 +779,13 @@ fn broker(write: Write) -> io::Result<()> {
 }
 
 fn taught(write: Write) -> io::Result<()> {
-    let recording = |rate_hz: f32| {
-        let frame = |i: u32| {
-            let time_s = i as f32 / 10.0;
-            let z_m = 0.3 * (6.283 * rate_hz * time_s).sin();
-            let point = RadarPoint {
-                y_m: 2.0,
-                z_m,
-                range_m: 2.0,
-                ..RadarPoint::default()
-            };
-            PointFrame {
-                frame: i,
-                time_s: time_s.into(),
-                points: vec![point; 5],
-                board: None,
-            }
-        };
-        let Ok(provenance) = "recorded:csv:room.csv".parse();
-        Clip {
-            frames: (0..60).map(frame).collect(),
-            frame_rate_hz: 10.0,
-            radar_height_m: 1.0,
-            is_height_assumed: false,
-            radar: "iwr6843isk".into(),
-            provenance,
-            clutter: Clutter::Settled,
-        }
-    };
     let mut memory = Memory::default();
     for (name, says, rate_hz) in [
         ("rocking", "a person rocks in the chair", 0.5),
         ("shaking", "a person shakes the head", 2.0),
     ] {
         memory
-            .teach(name, says, &recording(rate_hz))
+            .teach(name, says, &moving_up_and_down(6.283 * rate_hz, 0.0))
             .expect("enough points");
     }
     let folder = tempfile::tempdir()?;
