@@ -145,27 +145,19 @@ impl<'a> BoardColumns<'a> {
             let column = member(name).ok_or_else(bad)?;
             Ok((column, column.as_f32().ok_or_else(bad)?))
         };
-        let ids = match member("id") {
-            Some(column) => match &column.values {
-                Values::U32(ids) => (column, ids.as_slice()),
-                _ => return Err(bad()),
-            },
-            None => return Err(bad()),
-        };
+        let ids = member("id").and_then(|column| Some((column, column.as_u32()?)));
         let [x, y, z, vx, vy, vz] = MEMBERS;
-        let present = match rows.column(PRESENT) {
-            Some(column) => match &column.values {
-                Values::Bool(values) => Some((column, values.as_slice())),
-                _ => return Err(of_other_type("a boolean", column)),
-            },
-            None => None,
-        };
+        let present = rows.column(PRESENT).map(|column| {
+            let values = column.as_bool();
+            let values = values.ok_or_else(|| of_other_type("a boolean", column))?;
+            Ok::<_, DatasetError>((column, values))
+        });
         Ok(Some(Self {
             path,
             first_row,
             tracks,
             lists,
-            ids,
+            ids: ids.ok_or_else(bad)?,
             members: [
                 numbers(x)?,
                 numbers(y)?,
@@ -174,7 +166,7 @@ impl<'a> BoardColumns<'a> {
                 numbers(vy)?,
                 numbers(vz)?,
             ],
-            present,
+            present: present.transpose()?,
         }))
     }
 

@@ -130,12 +130,14 @@ fn leaves_of(column: &Column) -> Vec<Vec<usize>> {
     }
 }
 
-/// A leaf that is written: its column, and the levels of its entries.
+/// A leaf that is written: its column, and the levels of its entries, where they are not always zero.
 struct Leaf<'a> {
     column: &'a Column,
     definition: Vec<i16>,
     repetition: Vec<i16>,
-    is_nested: bool,
+    /// Whether a list is above it, and whether that or an optional node is.
+    has_repetition: bool,
+    has_definition: bool,
 }
 
 impl<'a> Leaf<'a> {
@@ -144,8 +146,10 @@ impl<'a> Leaf<'a> {
             column,
             definition: Vec::new(),
             repetition: Vec::new(),
-            is_nested: false,
+            has_repetition: false,
+            has_definition: false,
         };
+        leaf.find(column, path)?;
         let top = Place {
             definition: 0,
             first: 0,
@@ -155,10 +159,10 @@ impl<'a> Leaf<'a> {
         Ok(leaf)
     }
 
-    /// Adds the levels of the rows of a node, and finds the leaf.
+    /// Adds the levels of the rows of a node.
     fn walk(
         &mut self,
-        column: &'a Column,
+        column: &Column,
         rows: Range<usize>,
         at: Place,
         path: &[usize],
@@ -171,8 +175,6 @@ impl<'a> Leaf<'a> {
         };
         match &column.values {
             Values::List(lists) => {
-                self.is_nested = true;
-                self.find(lists.element(), path)?;
                 for row in rows.clone() {
                     let elements = lists.range(row);
                     if column.is_null(row) || elements.is_empty() {
@@ -204,8 +206,12 @@ impl<'a> Leaf<'a> {
                 self.walk(member, rows, at, rest)?;
             }
             _ => {
-                self.column = column;
-                self.repetition.extend(rows.clone().map(repetition));
+                if self.has_repetition {
+                    self.repetition.extend(rows.clone().map(repetition));
+                }
+                if !self.has_definition {
+                    return Ok(());
+                }
                 match &column.validity {
                     Some(validity) => {
                         let valid = validity[rows].iter();
@@ -221,12 +227,17 @@ impl<'a> Leaf<'a> {
         Ok(())
     }
 
-    /// Finds the leaf below a node also if no row leads there.
+    /// Finds the leaf below a node, also if no row leads there, and which levels it has.
     fn find(&mut self, node: &'a Column, path: &[usize]) -> Result<()> {
         let (mut node, mut path) = (node, path);
         loop {
+            self.has_definition |= node.validity.is_some();
             node = match &node.values {
-                Values::List(lists) => lists.element(),
+                Values::List(lists) => {
+                    self.has_repetition = true;
+                    self.has_definition = true;
+                    lists.element()
+                }
                 Values::Struct(members) => {
                     let (member, rest) = member_of(members, path)?;
                     path = rest;
@@ -278,12 +289,10 @@ impl<'a> Leaf<'a> {
             }
             None => Cow::Borrowed(values),
         };
-        let has_definition = self.is_nested || self.definition.iter().any(|d| *d != 0);
-        let has_definition = has_definition || self.column.validity.is_some();
         writer.typed::<T>().write_batch(
             &values,
-            has_definition.then_some(&self.definition),
-            self.is_nested.then_some(&self.repetition),
+            self.has_definition.then_some(&self.definition),
+            self.has_repetition.then_some(&self.repetition),
         )?;
         Ok(())
     }

@@ -498,7 +498,7 @@ impl<'a> Access<'a> {
     }
 
     fn u32(&self, name: &str) -> Result<&'a [u32], DatasetError> {
-        self.values(name, as_u32)
+        self.values(name, Column::as_u32)
     }
 
     fn f32(&self, name: &str) -> Result<&'a [f32], DatasetError> {
@@ -543,27 +543,6 @@ impl<'a> Access<'a> {
     }
 }
 
-fn as_u32(column: &Column) -> Option<&[u32]> {
-    match &column.values {
-        Values::U32(values) => Some(values),
-        _ => None,
-    }
-}
-
-fn as_u64(column: &Column) -> Option<&[u64]> {
-    match &column.values {
-        Values::U64(values) => Some(values),
-        _ => None,
-    }
-}
-
-fn as_f64(column: &Column) -> Option<&[f64]> {
-    match &column.values {
-        Values::F64(values) => Some(values),
-        _ => None,
-    }
-}
-
 fn without_nulls(column: &Column) -> Option<&Column> {
     (!column.has_nulls()).then_some(column)
 }
@@ -592,10 +571,10 @@ fn clips_of(path: &Path, rows: &Table, first_row: u64) -> Result<Vec<ClipRecord>
     let splits = access.splits(first_row)?;
     let mut captions = access.captions()?;
     let (radar_height_m, motion_fps) = (access.f32("radar_height_m")?, access.f32("motion_fps")?);
-    let seed = access.values("seed", as_u64)?;
+    let seed = access.values("seed", Column::as_u64)?;
     let (n_frames, n_points) = (access.u32("n_frames")?, access.u32("n_points")?);
-    let (of_numbers, numbers) = access.lists("frame_number", as_u32)?;
-    let (of_times, times_s) = access.lists("frame_time_s", as_f64)?;
+    let (of_numbers, numbers) = access.lists("frame_number", Column::as_u32)?;
+    let (of_times, times_s) = access.lists("frame_time_s", Column::as_f64)?;
     let (clouds, (frames, point_values)) = access.lists("points", |element| {
         let frames = element.as_list()?;
         Some((frames, flat(frames.element(), &[N_VALUES])?))

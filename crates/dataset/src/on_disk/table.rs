@@ -146,6 +146,38 @@ impl Column {
         }
     }
 
+    /// Booleans, if these are the values.
+    pub fn as_bool(&self) -> Option<&[bool]> {
+        match &self.values {
+            Values::Bool(values) => Some(values),
+            _ => None,
+        }
+    }
+
+    /// 32-bit unsigned integers, if these are the values.
+    pub fn as_u32(&self) -> Option<&[u32]> {
+        match &self.values {
+            Values::U32(values) => Some(values),
+            _ => None,
+        }
+    }
+
+    /// 64-bit unsigned integers, if these are the values.
+    pub fn as_u64(&self) -> Option<&[u64]> {
+        match &self.values {
+            Values::U64(values) => Some(values),
+            _ => None,
+        }
+    }
+
+    /// 64-bit floats, if these are the values.
+    pub fn as_f64(&self) -> Option<&[f64]> {
+        match &self.values {
+            Values::F64(values) => Some(values),
+            _ => None,
+        }
+    }
+
     /// 32-bit floats, if these are the values.
     pub fn as_f32(&self) -> Option<&[f32]> {
         match &self.values {
