@@ -29,7 +29,7 @@ const OWN_HEIGHT: f32 = 0.9;
 const MIDDLE_BELOW_M: f32 = 0.25;
 /// Nearer than this, m, the board sees a part of a body only, and no fall is stated: the track of somebody who reaches for
 /// the board, or walks past below it, sinks.
-const MIN_DISTANCE_M: f32 = 0.7;
+pub const MIN_DISTANCE_M: f32 = 0.7;
 /// Two falls of one person are at least this far apart, s.
 const APART_S: f64 = 3.0;
 
@@ -323,6 +323,20 @@ pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
     falls
 }
 
+/// Whether the points at the place of a fall are down after it, before a radar at a known height, m. Where there are none, they
+/// deny nothing.
+pub fn ends_low(frames: &[PointFrame], fall: &Fall, site: &Site, radar_height_m: f32) -> bool {
+    /// Distance of the points from the place, m.
+    const NEAR_M: f32 = 1.2;
+    /// Height of their middle above the floor, m.
+    const LOW_M: f32 = 0.6;
+    let [x_m, y_m] = fall.place_m;
+    let near = points_between(frames, fall.t_s, fall.t_s + POOL_S)
+        .filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) < NEAR_M);
+    let heights_m = near.map(|p| site.level([p.y_m, p.z_m])[1] + radar_height_m);
+    quantile_nearest(heights_m, 0.5).is_none_or(|m| m < LOW_M)
+}
+
 /// The falls below the beam of a board that reports static points: for about a second somebody moves at one place, and then
 /// nothing is there any more, although static points of the room are still reported. Somebody who stops is still there as a
 /// static echo, and somebody who walks away is seen elsewhere, or fades.
@@ -608,6 +622,31 @@ mod tests {
         assert_eq!(falls_of_points(&exercise), []);
         // Leakage before the antennas is nobody.
         assert_eq!(falls_of_points(&recording(-1.1, 0.1)), []);
+    }
+
+    #[test]
+    fn points_that_are_above_the_floor_after_a_fall_deny_it() {
+        const FALL: Fall = Fall {
+            t_s: 4.0,
+            place_m: [0.0, 2.0],
+            probability: 0.8,
+        };
+        let low = |after_m: f32| {
+            let frame = |i: u32| PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: vec![RadarPoint {
+                    y_m: 2.0,
+                    z_m: if i < 40 { 0.3 } else { after_m },
+                    ..RadarPoint::default()
+                }],
+                ..PointFrame::default()
+            };
+            let frames: Vec<PointFrame> = (0..80).map(frame).collect();
+            ends_low(&frames, &FALL, &Site::unlearned("board", 1.2), 1.2)
+        };
+        assert!(low(-0.9) && !low(-0.4));
+        assert!(ends_low(&[], &FALL, &Site::unlearned("board", 1.2), 1.2));
     }
 
     /// Ten frames a second of a room with two static echoes, before which somebody stands 1 m away, moves from 3 s on, and is

@@ -49,6 +49,7 @@ mod board_people;
 mod captioner;
 mod choose;
 mod confidence;
+mod falls_by_height;
 mod findings;
 mod gaps;
 mod general;

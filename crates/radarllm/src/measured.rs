@@ -7,7 +7,7 @@ use radarllm_inference::{
 };
 use radarllm_measure::{
     Activity, Before, Site, State, TrackedPerson,
-    falls::{Fall, falls_of_points, falls_out_of_view},
+    falls::{Fall, ends_low, falls_of_points, falls_out_of_view},
     measure,
     people::{MIN_TRACKED_S, Sample},
     sentence,
@@ -15,8 +15,9 @@ use radarllm_measure::{
 };
 
 use crate::{
+    falls_by_height::falls_by_height,
     gaps::follows,
-    point_people::{PointTracks, hold_heights},
+    point_people::{PointTracks, hold_heights, track_options},
 };
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
@@ -50,13 +51,11 @@ impl Measured {
                 let site = site.cloned().or_else(by_points);
                 let site = with_height(site.unwrap_or_else(|| unlearned_site(clip)));
                 let mut people = tracks.people(Some(&site));
+                // A running radar watches heights itself, frame by frame.
+                let is_window = matches!(before, Before::Window(_));
                 let in_clip = |clip: &Clip, tracks: &PointTracks| {
-                    let mut falls = falls_of_points(&clip.frames);
-                    falls.retain(|fall| !people.iter().any(|p| stays_up(p, fall)));
-                    [
-                        segments(&tracks.walks()),
-                        fall_segments(&clip.frames, falls),
-                    ]
+                    let falls = falls_in_points(&clip.frames, &people, &site, is_window);
+                    [segments(&tracks.walks()), falls]
                 };
                 let [mut walks, mut falls] = in_clip(clip, &tracks);
                 let all = clip.moving();
@@ -70,10 +69,7 @@ impl Measured {
                     // A time without frames shows nobody, and says nothing.
                     let runs = reported.frames.chunk_by(follows);
                     let found = runs.flat_map(falls_out_of_view).collect();
-                    let mut out_of_view = fall_segments(&reported.frames, found);
-                    out_of_view.retain(|fall| !falls.iter().any(|other| overlap(fall, other)));
-                    falls.append(&mut out_of_view);
-                    falls.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+                    add_falls(&mut falls, fall_segments(&reported.frames, found));
                 }
                 people.iter_mut().for_each(hold_heights);
                 let mut segments = postures_in_points(&people, &site, before);
@@ -97,8 +93,38 @@ fn keep_shown(segments: &mut Vec<Segment>, others: &[Segment]) {
     });
 }
 
-fn overlap(a: &Segment, b: &Segment) -> bool {
-    a.start_s < b.end_s && b.start_s < a.end_s
+/// The falls that the points of people show. Those of the middle of all points end near the floor where the height of the radar
+/// is stated, and heights of each person are watched then, except in a window.
+fn falls_in_points(
+    frames: &[PointFrame],
+    people: &[TrackedPerson],
+    site: &Site,
+    is_window: bool,
+) -> Vec<Segment> {
+    let mut falls = falls_of_points(frames);
+    falls.retain(|fall| {
+        let is_low = |height_m| ends_low(frames, fall, site, height_m);
+        !people.iter().any(|p| stays_up(p, fall)) && site.stated_height_m.is_none_or(is_low)
+    });
+    let (Some(height_m), false) = (site.stated_height_m, is_window) else {
+        return fall_segments(frames, falls);
+    };
+    let watched = falls_by_height(frames, site, height_m, track_options(frames));
+    // Who is down does not fall.
+    let is_down = |t_s: f64| (watched.iter()).any(|one| (one.fall.t_s..one.until_s).contains(&t_s));
+    falls.retain(|fall| !is_down(fall.t_s));
+    let mut segments = fall_segments(frames, falls);
+    let watched = watched.into_iter().map(|one| one.fall).collect();
+    add_falls(&mut segments, fall_segments(frames, watched));
+    segments
+}
+
+/// Adds falls that are not those which are there already.
+fn add_falls(falls: &mut Vec<Segment>, mut others: Vec<Segment>) {
+    let overlap = |a: &Segment, b: &Segment| a.start_s < b.end_s && b.start_s < a.end_s;
+    others.retain(|fall| !falls.iter().any(|other| overlap(fall, other)));
+    falls.append(&mut others);
+    falls.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
 }
 
 /// The site of a clip from which nothing can be learned.

@@ -111,7 +111,8 @@ fn goes_of(person: &TrackedPerson) -> Vec<[f64; 2]> {
     goes
 }
 
-fn tracks_of(frames: &[PointFrame]) -> Vec<Track> {
+/// How people are tracked in frames.
+pub(crate) fn track_options(frames: &[PointFrame]) -> TrackOptions {
     let mut options = TrackOptions::default();
     if !frames
         .iter()
@@ -121,7 +122,11 @@ fn tracks_of(frames: &[PointFrame]) -> Vec<Track> {
         // Speeds are not known.
         options.confirm_moving_frames = 0;
     }
-    track(frames, &options).unwrap_or_default()
+    options
+}
+
+fn tracks_of(frames: &[PointFrame]) -> Vec<Track> {
+    track(frames, &track_options(frames)).unwrap_or_default()
 }
 
 fn persons(frames: &[PointFrame], tracks: &[Track], site: Option<&Site>) -> Vec<TrackedPerson> {

@@ -169,7 +169,7 @@ fn the_demo_links_neither_a_command_line_nor_a_database_nor_a_server() {
         ours.contains("inference") && ours.contains("synth"),
         "{ours:?}"
     );
-    for name in ["cli", "eval", "live", "memory", "monitor", "nn", "train"] {
+    for name in ["cli", "eval", "live", "memory", "nn", "train"] {
         assert!(!ours.contains(name), "{name}");
     }
     assert!(reached.contains("rustfft"), "the walk reaches something");

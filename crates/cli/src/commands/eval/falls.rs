@@ -3,9 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::CaptureOptions;
+use radarllm::{Captioner, CaptureOptions};
+use radarllm_base::{Clip, Provenance};
 use radarllm_eval::{
-    falls::{FallPlan, FallReport, RecordingAlarms, evaluate_falls, recording_alarms},
+    EvalError,
+    falls::{
+        DescribeFalls, FallPlan, FallReport, RecordingAlarms, evaluate_falls, recording_alarms,
+    },
     recordings::{LOOKS_HEAD, RecordingsConfig, Role, labelled_files, look_for_falls},
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
@@ -39,6 +43,9 @@ pub(crate) struct EvalFallsArgs {
     /// Simulate nothing: only count false alarms in recordings.
     #[arg(long, requires = "recordings")]
     pub recordings_only: bool,
+    /// Also describe the points of every trial, as a recording of a board that no model learned from.
+    #[arg(long, conflicts_with = "recordings_only")]
+    pub described: bool,
     /// Threads of the simulation; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -76,9 +83,12 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     }
     log_looks(args, &recorded)?;
     let base = args.config.parent().unwrap_or(Path::new(""));
+    let captioner = args.described.then(Captioner::bundled).transpose()?;
+    let describe = captioner.map(|captioner| move |clip: Clip| stated_falls(&captioner, clip));
+    let describe = describe.as_ref().map(|describe| describe as &DescribeFalls);
     let mut report = match args.recordings_only {
         true => FallReport::without_trials(&plan),
-        false => on_threads(args.threads, || evaluate_falls(&plan, base))??,
+        false => on_threads(args.threads, || evaluate_falls(&plan, base, describe))??,
     };
     report.recordings = recorded;
     if args.json {
@@ -86,6 +96,15 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     }
     output::print_line(&report.to_markdown());
     Ok(())
+}
+
+/// The times, s, at which falls are stated in a clip that is taken for a recording of a board that no model learned from.
+fn stated_falls(captioner: &Captioner, mut clip: Clip) -> Result<Vec<f64>, EvalError> {
+    clip.radar = "unknown".into();
+    clip.provenance = Provenance::recorded("points", "trial");
+    let description = captioner.describe(&clip)?;
+    let falls = (description.segments.iter()).filter(|s| s.actions.contains(&"fall"));
+    Ok(falls.map(|s| f64::midpoint(s.start_s, s.end_s)).collect())
 }
 
 /// Adds a line to the log of evaluations for every set of judged recordings.

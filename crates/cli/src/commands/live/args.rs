@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use radarllm_monitor::{
+    falls::FallOptions, pipeline::windows::WindowOptions, presence::PresenceOptions,
+};
 
 use crate::{model_args::DecoderName, recording_args::InputArgs};
 
@@ -87,26 +90,26 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "FILE")]
     pub zones: Option<PathBuf>,
     /// Length of the windows that are described, s: 1 to 9.6.
-    #[arg(long, value_name = "S", default_value_t = 6.0)]
+    #[arg(long, value_name = "S", default_value_t = WindowOptions::default().window_s)]
     pub window: f64,
     /// Time between the starts of two windows, s.
-    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    #[arg(long, value_name = "S", default_value_t = WindowOptions::default().stride_s)]
     pub stride: f64,
     /// Learn the empty room for this long at the start, 300 s at most: what moves there, such as a fan or a curtain, is
     /// removed from then on. Nobody is seen meanwhile. See also --background.
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     pub learn_empty: f64,
     /// Time for which somebody must be tracked before the room counts as occupied, s.
-    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    #[arg(long, value_name = "S", default_value_t = PresenceOptions::default().occupancy_on_s)]
     pub occupancy_on: f64,
     /// Time for which the room counts as occupied while nobody is seen, s.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    #[arg(long, value_name = "S", default_value_t = PresenceOptions::default().occupancy_hold_s)]
     pub occupancy_hold: f64,
     /// Time for which nobody must rise before a fall is confirmed, s.
-    #[arg(long, value_name = "S", default_value_t = 20.0)]
+    #[arg(long, value_name = "S", default_value_t = FallOptions::default().fall_dwell_s)]
     pub fall_dwell: f64,
     /// Height below which somebody is down, m.
-    #[arg(long, value_name = "M", default_value_t = 0.5)]
+    #[arg(long, value_name = "M", default_value_t = FallOptions::default().fall_height_m)]
     pub fall_height: f64,
     /// MQTT broker, such as mqtt://homeassistant.local.
     #[arg(long, value_name = "URL")]

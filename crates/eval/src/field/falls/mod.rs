@@ -16,6 +16,7 @@ mod watch;
 
 use std::path::Path;
 
+use radarllm_base::Clip;
 use rayon::prelude::*;
 
 use crate::EvalError;
@@ -28,11 +29,19 @@ pub use report::{FallCounts, FallReport, OtherCounts};
 pub use score::{Missed, Score, TrueFall};
 pub use trial::TrialRow;
 
-/// Runs all trials on the threads of the rayon pool from which this is called. Radar files are relative to `base`.
+/// The times, s, at which falls are stated in a clip.
+pub type DescribeFalls<'a> = dyn Fn(Clip) -> Result<Vec<f64>, EvalError> + Sync + 'a;
+
+/// Runs all trials on the threads of the rayon pool from which this is called. Radar files are relative to `base`. With
+/// `describe`, the points of each trial are described as well.
 ///
 /// # Errors
-/// A radar that cannot be opened or simulated.
-pub fn evaluate_falls(plan: &FallPlan, base: &Path) -> Result<FallReport, EvalError> {
+/// A radar that cannot be opened or simulated, and what `describe` refuses.
+pub fn evaluate_falls(
+    plan: &FallPlan,
+    base: &Path,
+    describe: Option<&DescribeFalls>,
+) -> Result<FallReport, EvalError> {
     let n_falls = plan.n_falls();
     let trials: Vec<(bool, Trial)> = plan
         .trials()
@@ -56,7 +65,7 @@ pub fn evaluate_falls(plan: &FallPlan, base: &Path) -> Result<FallReport, EvalEr
                         Some(ready) => ready,
                         None => synthesizer.insert(radar.synthesizer()?),
                     };
-                    trial::run(plan, trial, *is_fall, &radar, synthesizer)
+                    trial::run(plan, trial, *is_fall, &radar, synthesizer, describe)
                 },
             )
             .collect();
@@ -81,7 +90,12 @@ mod tests {
                 1,
             );
         let plan = FallPlan::from_toml(&text).unwrap();
-        let report = evaluate_falls(&plan, Path::new("")).unwrap();
+        // Whoever describes sees the points of a trial in order of time, and states a fall long after each.
+        let describe = |clip: Clip| {
+            assert!(clip.frames.windows(2).all(|w| w[0].time_s < w[1].time_s));
+            Ok(vec![clip.frames.len() as f64 * FRAME_PERIOD_S + 99.0])
+        };
+        let report = evaluate_falls(&plan, Path::new(""), Some(&describe)).unwrap();
         let [fall, bow] = &report.rows[..] else {
             panic!("two trials")
         };
@@ -90,6 +104,10 @@ mod tests {
         let dwell_s = fall.score.confirmed_s.unwrap() - fall.score.suspected_s.unwrap();
         assert!((dwell_s - 20.0).abs() < 0.11, "{dwell_s}");
         assert_eq!((bow.truth, &bow.score), (None, &Score::default()));
+        assert_eq!((fall.is_described(), fall.falsely_described()), (false, 1));
+        assert_eq!((bow.is_described(), bow.falsely_described()), (false, 1));
+        let page = report.to_markdown();
+        assert_eq!(page.matches("stated by `describe`").count(), 2, "{page}");
         // What is decided is not simulated further.
         assert!(bow.seconds < 20.0 && fall.seconds > 20.0);
     }

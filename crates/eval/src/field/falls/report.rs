@@ -58,6 +58,12 @@ pub struct FallCounts {
     pub false_confirmed: usize,
     /// Further suspicions of the same fall.
     pub repeated: usize,
+    /// Falls that `describe` states, if it was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub described: Option<Proportion>,
+    /// Falls that it states besides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub falsely_described: Option<usize>,
 }
 
 /// What is not a fall, under one condition.
@@ -75,6 +81,9 @@ pub struct OtherCounts {
     pub suspected_per_day: DailyRate,
     /// Confirmed suspicions a day of such motions without a pause.
     pub confirmed_per_day: DailyRate,
+    /// Trials in which `describe` states a fall, if it was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub described: Option<Proportion>,
 }
 
 /// All trials, and recordings without falls.
@@ -197,6 +206,8 @@ fn fall_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> Fa
         false_suspected: sum(|row| row.score.false_suspected),
         false_confirmed: sum(|row| row.score.false_confirmed),
         repeated: sum(|row| row.score.repeated),
+        described: is_described(rows).then(|| proportion(TrialRow::is_described)),
+        falsely_described: is_described(rows).then(|| sum(TrialRow::falsely_described)),
     }
 }
 
@@ -219,7 +230,12 @@ fn other_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> O
         confirmed,
         suspected_per_day,
         confirmed_per_day,
+        described: is_described(rows).then(|| count(TrialRow::falsely_described).0),
     }
+}
+
+fn is_described(rows: &[&TrialRow]) -> bool {
+    rows.iter().any(|row| row.described_s.is_some())
 }
 
 fn fall_table(counts: &[FallCounts]) -> Table {
@@ -233,8 +249,12 @@ fn fall_table(counts: &[FallCounts]) -> Table {
         "false before the fall: suspected",
         "confirmed",
         "repeated",
+        "stated by `describe`",
+        "stated besides",
     ];
-    let mut table = Table::new("", "", &head);
+    let is_described = counts.iter().any(|row| row.described.is_some());
+    let head = &head[..if is_described { 11 } else { 9 }];
+    let mut table = Table::new("", "", head);
     let seconds = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.2}"));
     for row in counts {
         table.rows.push(vec![
@@ -248,6 +268,11 @@ fn fall_table(counts: &[FallCounts]) -> Table {
             row.false_confirmed.to_string(),
             row.repeated.to_string(),
         ]);
+        if let (Some(stated), Some(besides), Some(cells)) =
+            (row.described, row.falsely_described, table.rows.last_mut())
+        {
+            cells.extend([stated.to_text(), besides.to_string()]);
+        }
     }
     table
 }
@@ -260,8 +285,11 @@ fn other_table(counts: &[OtherCounts]) -> Table {
         "confirmed",
         "false suspicions a day",
         "confirmed a day",
+        "stated by `describe`",
     ];
-    let mut table = Table::new("", "", &head);
+    let is_described = counts.iter().any(|row| row.described.is_some());
+    let head = &head[..if is_described { 7 } else { 6 }];
+    let mut table = Table::new("", "", head);
     for row in counts {
         table.rows.push(vec![
             row.condition.into(),
@@ -271,6 +299,9 @@ fn other_table(counts: &[OtherCounts]) -> Table {
             row.suspected_per_day.to_text(),
             row.confirmed_per_day.to_text(),
         ]);
+        if let (Some(stated), Some(cells)) = (row.described, table.rows.last_mut()) {
+            cells.push(stated.to_text());
+        }
     }
     table
 }
@@ -328,6 +359,7 @@ mod tests {
             missed: (is_fall && score.suspected_s.is_none()).then_some(Missed::NotSeenDown),
             heights: Vec::new(),
             score,
+            described_s: None,
         }
     }
 

@@ -39,6 +39,16 @@ impl TrueFall {
     }
 }
 
+/// How far a fall that a description states may be from its onset, s: the middle of the sentence.
+const DESCRIBED_S: f64 = 1.0;
+
+impl TrueFall {
+    /// Whether a fall that is stated at a time, s, is this one.
+    pub fn includes(&self, at_s: f64) -> bool {
+        (self.onset_s - DESCRIBED_S..=self.impact_s + LATEST_S).contains(&at_s)
+    }
+}
+
 /// What the monitor said in a trial.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Score {

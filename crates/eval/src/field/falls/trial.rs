@@ -1,7 +1,7 @@
 //! One trial: a motion in front of a virtual radar, watched frame by frame.
 
 use glam::{Quat, Vec3};
-use radarllm_base::{Material, Motion, MovingSurface};
+use radarllm_base::{Clip, Clutter, Material, Motion, MovingSurface, PointFrame, Provenance};
 use radarllm_formats::Mounting;
 use radarllm_monitor::falls::FallOptions;
 use radarllm_radar_sim::{Noise, Scene};
@@ -13,6 +13,7 @@ use radarllm_synth::{
 use serde::Serialize;
 
 use super::{
+    DescribeFalls,
     plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial},
     score::{LATEST_S, Missed, Score, TrueFall, score, why_missed},
     watch::{Heights, WatchedRoom},
@@ -39,6 +40,9 @@ pub struct TrialRow {
     pub points_per_frame: f64,
     /// What the monitor said.
     pub score: Score,
+    /// When `describe` states falls, s; `None` if it was not asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub described_s: Option<Vec<f64>>,
     /// Why a fall was missed.
     pub missed: Option<Missed>,
     /// Heights, m above the floor, from 2 s before the onset to 3 s after the impact of a missed fall, with their times,
@@ -52,6 +56,22 @@ impl TrialRow {
     pub fn delay_s(&self) -> Option<f64> {
         Some(self.score.suspected_s? - self.truth?.impact_s)
     }
+
+    /// Whether `describe` states the fall.
+    pub fn is_described(&self) -> bool {
+        self.described().any(|is_the_fall| is_the_fall)
+    }
+
+    /// How many falls `describe` states without one.
+    pub fn falsely_described(&self) -> usize {
+        self.described().filter(|is_the_fall| !is_the_fall).count()
+    }
+
+    /// Of every fall that `describe` states, whether it is the one of the trial.
+    fn described(&self) -> impl Iterator<Item = bool> {
+        let at_s = self.described_s.iter().flatten();
+        at_s.map(|at_s| self.truth.is_some_and(|truth| truth.includes(*at_s)))
+    }
 }
 
 /// Simulates and watches a trial. Frames are simulated until nothing can change any more: [`REST_S`] after the motion, and
@@ -62,6 +82,7 @@ pub(super) fn run(
     is_fall: bool,
     radar: &OpenRadar,
     synthesizer: &mut Synthesizer,
+    describe: Option<&DescribeFalls>,
 ) -> Result<TrialRow, EvalError> {
     let input = open_motion(&trial.request, trial.seed)?;
     let mut shape = input.shape;
@@ -99,8 +120,11 @@ pub(super) fn run(
     };
     let mut watch = WatchedRoom::new(trial.radar_height_m)?;
     let (mut seen, mut n_points): (Vec<Heights>, usize) = (Vec::new(), 0);
-    let frames = |seconds: f64| (seconds / FRAME_PERIOD_S).ceil() as usize;
-    while seen.len() < frames(rest_s) || (watch.is_undecided() && seen.len() < frames(longest_s)) {
+    let mut frames: Vec<PointFrame> = Vec::new();
+    let n_frames = |seconds: f64| (seconds / FRAME_PERIOD_S).ceil() as usize;
+    while seen.len() < n_frames(rest_s)
+        || (watch.is_undecided() && seen.len() < n_frames(longest_s))
+    {
         let simulated = synthesizer.simulate(&scene, seen.len(), trial.seed);
         simulated.map_err(fail)?;
         let mut frame = synthesizer.extract(seen.len()).map_err(fail)?;
@@ -110,7 +134,22 @@ pub(super) fn run(
         mounting.apply(std::slice::from_mut(&mut frame));
         n_points += frame.points.len();
         seen.push(watch.push(&frame));
+        if describe.is_some() {
+            frame.frame = frames.len() as u32;
+            frame.time_s = f64::from(frame.frame) * FRAME_PERIOD_S;
+            frames.push(frame);
+        }
     }
+    let clip = || Clip {
+        frames,
+        frame_rate_hz: 1.0 / FRAME_PERIOD_S,
+        radar_height_m: trial.radar_height_m,
+        is_height_assumed: false,
+        radar: trial.radar.clone(),
+        provenance: Provenance::simulated(&trial.request, trial.seed),
+        clutter: Clutter::Unchecked,
+    };
+    let described_s = describe.map(|describe| describe(clip())).transpose()?;
     let score = score(truth, &watch.events);
     let missed_fall = truth.filter(|_| score.suspected_s.is_none());
     let heights = |truth: TrueFall| {
@@ -127,6 +166,7 @@ pub(super) fn run(
         missed: missed_fall.map(|truth| why_missed(truth, &seen, options.fall_height_m)),
         heights: missed_fall.map(heights).unwrap_or_default(),
         score,
+        described_s,
     })
 }
 
