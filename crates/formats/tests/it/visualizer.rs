@@ -757,23 +757,30 @@ fn last_frames_are_raised(range_m: f64) {
         let [x, y, z] = position.mounting().level(p);
         [x, y, z + 2.0]
     });
-    let file = |first: u32, last_is_raw: bool| {
+    let file_of = |first: u32, last_is_raw: bool, is_seen_before: bool| {
         let entries: Vec<String> = (0..5)
             .map(|i| {
                 let points = if i == 4 && last_is_raw { raw } else { shown };
-                replay_frame(first + i, &points.map(row).join(","))
+                let points = match i == 4 || is_seen_before {
+                    true => points.map(row).join(","),
+                    false => String::new(),
+                };
+                replay_frame(first + i, &points)
             })
             .collect();
         part(&replay_of(TRACKING, "xWR6843", &entries))
     };
+    let file = |first: u32, last_is_raw: bool| file_of(first, last_is_raw, true);
+    // In the last one, nobody is seen before the last frame: it is as in most of the others.
     let joined = join_parts(vec![
         (1, file(1, true)),
         (2, file(6, false)),
         (3, file(11, true)),
+        (4, file_of(16, true, false)),
     ])
     .unwrap();
     assert!(
-        joined.notes[0].starts_with("2 files were saved before"),
+        joined.notes[0].starts_with("3 files were saved before"),
         "{:?}",
         joined.notes
     );

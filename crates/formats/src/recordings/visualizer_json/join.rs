@@ -87,11 +87,13 @@ pub fn join_run(
     let mut frames: Vec<VisualizerFrame> = Vec::new();
     let mut n_repeated = 0;
     let mut n_levelled = 0;
-    for (_, part) in parts {
+    let position = sensor_position.as_ref();
+    let raised_by = position.filter(|p| z_above_floor && p.height_m != 0.0);
+    let are_raw = raised_by.map(|position| last_frames_are_raw(&parts, position));
+    for (at, (_, part)) in parts.into_iter().enumerate() {
         let mut part = part;
-        if z_above_floor
-            && let Some(position) = &sensor_position
-            && position.height_m != 0.0
+        if let (Some(position), Some(are_raw)) = (raised_by, &are_raw)
+            && are_raw[at]
         {
             n_levelled += u64::from(level_last(&mut part.frames, position));
         }
@@ -357,55 +359,69 @@ fn common(
     Ok(found.map(|(_, text)| text.to_owned()))
 }
 
-/// Rotates and raises the points of the last frame if the result agrees better with the frames before it; returns
-/// whether it did. A file is saved by the thread that reads the port, as soon as its last frame is parsed. The points
-/// of that frame are rotated and raised later, by the thread that draws, so that the file may contain them unchanged.
-fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool {
+/// Whether the last frame of each file is neither rotated nor raised. A file is saved by the thread that reads the port, as soon
+/// as its last frame is parsed. The points of that frame are rotated and raised later, by the thread that draws, so that the
+/// file may contain them unchanged. Where the frames before it do not tell, it is as in most other files.
+fn last_frames_are_raw(parts: &Pieces<VisualizerPart>, position: &SensorPosition) -> Vec<bool> {
+    let told: Vec<Option<bool>> = parts
+        .iter()
+        .map(|(_, part)| last_is_raw(&part.frames, position))
+        .collect();
+    let n = |raw: bool| told.iter().filter(|one| **one == Some(raw)).count();
+    let are_most_raw = n(true) > n(false);
+    told.into_iter()
+        .map(|one| one.unwrap_or(are_most_raw))
+        .collect()
+}
+
+/// Whether the last frame agrees better with the frames before it if it is rotated and raised; `None` if they do not tell.
+fn last_is_raw(frames: &[VisualizerFrame], position: &SensorPosition) -> Option<bool> {
     /// Number of frames before the last one that it is compared with.
     const N_COMPARED: usize = 10;
-    let Some((last, before)) = frames.split_last_mut() else {
-        return false;
-    };
+    let (last, before) = frames.split_last()?;
     let recent = &before[before.len().saturating_sub(N_COMPARED)..];
-    let mounting = position.mounting();
-    let raised = |xyz: [f64; 3]| {
-        let [x, y, z] = mounting.level(xyz);
-        [x, y, z + position.height_m]
-    };
+    let raised = |xyz: [f32; 3]| as_f32(raise(position, xyz.map(f64::from)));
+    let tracks = || last.tracks.iter().map(|t| t.position_m);
+    let points = || last.frame.points.iter().map(xyz_of);
     // Tracks decide where there are any: they are there without points, and move less.
     let by_tracks = is_raw(
         median_z(recent.iter().flat_map(|f| &f.tracks).map(|t| t.position_m)),
-        median_z(last.tracks.iter().map(|t| t.position_m)),
-        median_z(
-            last.tracks
-                .iter()
-                .map(|t| as_f32(raised(t.position_m.map(f64::from)))),
-        ),
+        median_z(tracks()),
+        median_z(tracks().map(raised)),
     );
-    let of_point = |p: &RadarPoint| [p.x_m, p.y_m, p.z_m];
     let by_points = || {
         is_raw(
-            median_z(recent.iter().flat_map(|f| &f.frame.points).map(of_point)),
-            median_z(last.frame.points.iter().map(of_point)),
-            median_z(
-                last.frame
-                    .points
-                    .iter()
-                    .map(|p| as_f32(raised(of_point(p).map(f64::from)))),
-            ),
+            median_z(recent.iter().flat_map(|f| &f.frame.points).map(xyz_of)),
+            median_z(points()),
+            median_z(points().map(raised)),
         )
     };
-    let is_raw = by_tracks.or_else(by_points).unwrap_or(false);
-    if is_raw {
-        for point in &mut last.frame.points {
-            *point = moved(point, raised);
-        }
-        for track in &mut last.tracks {
-            track.position_m = as_f32(raised(track.position_m.map(f64::from)));
-            track.velocity_mps = as_f32(mounting.level(track.velocity_mps.map(f64::from)));
-        }
+    by_tracks.or_else(by_points)
+}
+
+/// Rotates and raises the points and tracks of the last frame; returns whether there are any.
+fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool {
+    let Some(last) = frames.last_mut() else {
+        return false;
+    };
+    for point in &mut last.frame.points {
+        *point = moved(point, |xyz| raise(position, xyz));
     }
-    is_raw
+    for track in &mut last.tracks {
+        track.position_m = as_f32(raise(position, track.position_m.map(f64::from)));
+        track.velocity_mps = as_f32(position.mounting().level(track.velocity_mps.map(f64::from)));
+    }
+    !last.frame.points.is_empty() || !last.tracks.is_empty()
+}
+
+/// What the visualizer makes of a place in the axes of the sensor, m.
+fn raise(position: &SensorPosition, xyz: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = position.mounting().level(xyz);
+    [x, y, z + position.height_m]
+}
+
+fn xyz_of(point: &RadarPoint) -> [f32; 3] {
+    [point.x_m, point.y_m, point.z_m]
 }
 
 fn as_f32(xyz: [f64; 3]) -> [f32; 3] {
