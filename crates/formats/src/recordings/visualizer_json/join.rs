@@ -363,14 +363,15 @@ fn common(
 /// as its last frame is parsed. The points of that frame are rotated and raised later, by the thread that draws, so that the
 /// file may contain them unchanged. Where the frames before it do not tell, it is as in most other files.
 fn last_frames_are_raw(parts: &Pieces<VisualizerPart>, position: &SensorPosition) -> Vec<bool> {
-    let told: Vec<Option<bool>> = parts
+    let found: Vec<Option<bool>> = parts
         .iter()
         .map(|(_, part)| last_is_raw(&part.frames, position))
         .collect();
-    let n = |raw: bool| told.iter().filter(|one| **one == Some(raw)).count();
-    let are_most_raw = n(true) > n(false);
-    told.into_iter()
-        .map(|one| one.unwrap_or(are_most_raw))
+    let n = |raw: bool| found.iter().filter(|one| **one == Some(raw)).count();
+    let is_usual = n(true) > n(false);
+    found
+        .into_iter()
+        .map(|one| one.unwrap_or(is_usual))
         .collect()
 }
 
