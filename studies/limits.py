@@ -9,7 +9,6 @@ CLONE is a clean checkout in which nobody works: its sources are changed, built 
 docs/results/boards.md describes.
 """
 
-import json
 import pathlib
 import re
 import subprocess
@@ -32,24 +31,11 @@ BUILD = "cargo build --release --locked --workspace --features radarllm-cli/trai
 
 
 def described(clone, recordings):
-    """Share of recordings described right, by board, and false falls of each."""
-    command = ["target/release/radarllm", "eval", "boards", "configs/eval/boards.toml", "--data", recordings, "--json"]
+    """Share of recordings described right, by board, and false falls of each, as the report prints them."""
+    command = ["target/release/radarllm", "eval", "boards", "configs/eval/boards.toml", "--data", recordings]
     run = subprocess.run(command, cwd=clone, capture_output=True, text=True, check=True)
-    boards = {}
-    for board in json.loads(run.stdout)["boards"]:
-        if board["learned"]:
-            continue
-        by_activity, false_falls = {}, 0
-        for row in board["rows"]:
-            by_activity.setdefault(row["activity"], []).append(row["right"])
-            falls = any("fall" in segment["actions"] for segment in row["segments"])
-            false_falls += falls and not row["activity"].startswith("fall")
-        shares = [100 * sum(rows) / len(rows) for rows in by_activity.values()]
-        # Windows in which no fall may be stated are right if none is: they count as false falls only.
-        judged = {row["activity"]: row["judged"] for row in board["rows"]}
-        shares = [share for share, name in zip(shares, by_activity) if judged[name] != "never"]
-        boards[board["board"]] = (sum(shares) / len(shares), false_falls)
-    return boards
+    row = re.compile(r"^\| (.+?) \| no \| \d+ \| ([0-9.]+) \| (\d+) of \d+ \|", re.MULTILINE)
+    return {board: (float(share), int(falls)) for board, share, falls in row.findall(run.stdout)}
 
 
 def line(name, boards):

@@ -46,6 +46,9 @@ pub(crate) struct EvalFallsArgs {
     /// Also describe the points of every trial, as a recording of a board that no model learned from.
     #[arg(long, conflicts_with = "recordings_only")]
     pub described: bool,
+    /// Do not state the height of the radar to what describes.
+    #[arg(long, requires = "described")]
+    pub height_not_stated: bool,
     /// Threads of the simulation; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
@@ -84,7 +87,12 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     log_looks(args, &recorded)?;
     let base = args.config.parent().unwrap_or(Path::new(""));
     let captioner = args.described.then(Captioner::bundled).transpose()?;
-    let describe = captioner.map(|captioner| move |clip: Clip| stated_falls(&captioner, clip));
+    let describe = captioner.map(|captioner| {
+        move |mut clip: Clip| {
+            clip.is_height_assumed = args.height_not_stated;
+            stated_falls(&captioner, clip)
+        }
+    });
     let describe = describe.as_ref().map(|describe| describe as &DescribeFalls);
     let mut report = match args.recordings_only {
         true => FallReport::without_trials(&plan),

@@ -25,7 +25,7 @@ pub use plan::{
     Before, FRAME_PERIOD_S, FallPlan, MotionFile, MountingFile, PersonFile, RadarFile, Trial,
 };
 pub use recordings::{RecordingAlarms, recording_alarms};
-pub use report::{FallCounts, FallReport, OtherCounts};
+pub use report::{DescribedFalls, FallCounts, FallReport, OtherCounts};
 pub use score::{Missed, Score, TrueFall};
 pub use trial::TrialRow;
 

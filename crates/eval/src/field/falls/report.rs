@@ -58,12 +58,18 @@ pub struct FallCounts {
     pub false_confirmed: usize,
     /// Further suspicions of the same fall.
     pub repeated: usize,
-    /// Falls that `describe` states, if it was asked.
+    /// What `describe` states, if it was asked.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub described: Option<Proportion>,
+    pub described: Option<DescribedFalls>,
+}
+
+/// What `describe` states of falls.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct DescribedFalls {
+    /// Falls that it states.
+    pub stated: Proportion,
     /// Falls that it states besides.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub falsely_described: Option<usize>,
+    pub besides: usize,
 }
 
 /// What is not a fall, under one condition.
@@ -206,8 +212,10 @@ fn fall_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> Fa
         false_suspected: sum(|row| row.score.false_suspected),
         false_confirmed: sum(|row| row.score.false_confirmed),
         repeated: sum(|row| row.score.repeated),
-        described: is_described(rows).then(|| proportion(TrialRow::is_described)),
-        falsely_described: is_described(rows).then(|| sum(TrialRow::falsely_described)),
+        described: is_described(rows).then(|| DescribedFalls {
+            stated: proportion(TrialRow::is_described),
+            besides: sum(TrialRow::falsely_described),
+        }),
     }
 }
 
@@ -239,7 +247,7 @@ fn is_described(rows: &[&TrialRow]) -> bool {
 }
 
 fn fall_table(counts: &[FallCounts]) -> Table {
-    let head = [
+    let mut head = vec![
         "condition",
         "value",
         "suspected",
@@ -249,15 +257,14 @@ fn fall_table(counts: &[FallCounts]) -> Table {
         "false before the fall: suspected",
         "confirmed",
         "repeated",
-        "stated by `describe`",
-        "stated besides",
     ];
-    let is_described = counts.iter().any(|row| row.described.is_some());
-    let head = &head[..if is_described { 11 } else { 9 }];
-    let mut table = Table::new("", "", head);
+    if counts.iter().any(|row| row.described.is_some()) {
+        head.extend(["stated by `describe`", "stated besides"]);
+    }
+    let mut table = Table::new("", "", &head);
     let seconds = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.2}"));
     for row in counts {
-        table.rows.push(vec![
+        let mut cells = vec![
             row.condition.into(),
             row.value.clone(),
             row.suspected.to_text(),
@@ -267,41 +274,39 @@ fn fall_table(counts: &[FallCounts]) -> Table {
             row.false_suspected.to_string(),
             row.false_confirmed.to_string(),
             row.repeated.to_string(),
-        ]);
-        if let (Some(stated), Some(besides), Some(cells)) =
-            (row.described, row.falsely_described, table.rows.last_mut())
-        {
-            cells.extend([stated.to_text(), besides.to_string()]);
+        ];
+        if let Some(described) = row.described {
+            cells.extend([described.stated.to_text(), described.besides.to_string()]);
         }
+        table.rows.push(cells);
     }
     table
 }
 
 fn other_table(counts: &[OtherCounts]) -> Table {
-    let head = [
+    let mut head = vec![
         "condition",
         "value",
         "trials with a false suspicion",
         "confirmed",
         "false suspicions a day",
         "confirmed a day",
-        "stated by `describe`",
     ];
-    let is_described = counts.iter().any(|row| row.described.is_some());
-    let head = &head[..if is_described { 7 } else { 6 }];
-    let mut table = Table::new("", "", head);
+    if counts.iter().any(|row| row.described.is_some()) {
+        head.push("stated by `describe`");
+    }
+    let mut table = Table::new("", "", &head);
     for row in counts {
-        table.rows.push(vec![
+        let mut cells = vec![
             row.condition.into(),
             row.value.clone(),
             row.suspected.to_text(),
             row.confirmed.to_text(),
             row.suspected_per_day.to_text(),
             row.confirmed_per_day.to_text(),
-        ]);
-        if let (Some(stated), Some(cells)) = (row.described, table.rows.last_mut()) {
-            cells.push(stated.to_text());
-        }
+        ];
+        cells.extend(row.described.map(Proportion::to_text));
+        table.rows.push(cells);
     }
     table
 }

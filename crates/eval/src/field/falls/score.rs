@@ -8,6 +8,8 @@ use super::watch::Heights;
 
 /// Longest time after the impact at which a suspicion is that of the fall, s.
 pub(super) const LATEST_S: f64 = 3.0;
+/// How far before the onset the middle of a sentence that states the fall may be, s.
+const DESCRIBED_S: f64 = 1.0;
 /// Share of the height of a standing person's pelvis below which the person is falling.
 const FALLING_SHARE: f64 = 0.9;
 /// Height of the pelvis above its lowest one below which it has arrived, m.
@@ -37,12 +39,7 @@ impl TrueFall {
             impact_s: impact as f64 / motion.fps,
         }
     }
-}
 
-/// How far a fall that a description states may be from its onset, s: the middle of the sentence.
-const DESCRIBED_S: f64 = 1.0;
-
-impl TrueFall {
     /// Whether a fall that is stated at a time, s, is this one.
     pub fn includes(&self, at_s: f64) -> bool {
         (self.onset_s - DESCRIBED_S..=self.impact_s + LATEST_S).contains(&at_s)
