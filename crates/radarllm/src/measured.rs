@@ -15,9 +15,9 @@ use radarllm_measure::{
 };
 
 use crate::{
-    falls_by_height::falls_by_height,
+    falls_by_height::{FallByHeight, falls_by_height},
     gaps::follows,
-    point_people::{PointTracks, hold_heights, track_options},
+    point_people::{PointTracks, STILL_THERE_S, hold_heights, track_options},
 };
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
@@ -55,16 +55,18 @@ impl Measured {
                 let is_window = matches!(before, Before::Window(_));
                 let in_clip = |clip: &Clip, tracks: &PointTracks| {
                     let falls = falls_in_points(&clip.frames, &people, &site, is_window);
-                    [segments(&tracks.walks()), falls]
+                    (segments(&tracks.walks()), falls)
                 };
-                let [mut walks, mut falls] = in_clip(clip, &tracks);
+                let (mut walks, (mut falls, mut lying)) = in_clip(clip, &tracks);
                 let all = clip.moving();
                 let is_other = !std::ptr::eq(all, &**clip);
                 if is_other && (!walks.is_empty() || !falls.is_empty()) {
-                    let [other_walks, other_falls] = in_clip(all, &PointTracks::of(&all.frames));
+                    let (other_walks, (other_falls, _)) =
+                        in_clip(all, &PointTracks::of(&all.frames));
                     keep_shown(&mut walks, &other_walks);
                     keep_shown(&mut falls, &other_falls);
                 }
+                lying.retain_mut(|lies| begins_after_one_of(&falls, lies));
                 if let Some(reported) = clip.reported() {
                     // A time without frames shows nobody, and says nothing.
                     let runs = reported.frames.chunk_by(follows);
@@ -72,7 +74,8 @@ impl Measured {
                     add_falls(&mut falls, fall_segments(&reported.frames, found));
                 }
                 people.iter_mut().for_each(hold_heights);
-                let mut segments = postures_in_points(&people, &site, before);
+                let mut segments = lying;
+                segments.append(&mut postures_in_points(&people, &site, before));
                 segments.append(&mut walks);
                 segments.append(&mut falls);
                 Self::InPoints(segments)
@@ -94,29 +97,64 @@ fn keep_shown(segments: &mut Vec<Segment>, others: &[Segment]) {
 }
 
 /// The falls that the points of people show. Those of the middle of all points end near the floor where the height of the radar
-/// is stated, and heights of each person are watched then, except in a window.
+/// is stated, and heights of each person are watched then, except in a window: that person lies afterwards.
 fn falls_in_points(
     frames: &[PointFrame],
     people: &[TrackedPerson],
     site: &Site,
     is_window: bool,
-) -> Vec<Segment> {
+) -> (Vec<Segment>, Vec<Segment>) {
     let mut falls = falls_of_points(frames);
     falls.retain(|fall| {
         let is_low = |height_m| ends_low(frames, fall, site, height_m);
-        !people.iter().any(|p| stays_up(p, fall)) && site.stated_height_m.is_none_or(is_low)
+        !people.iter().any(|p| stays_up(p, fall, &SHORT)) && site.stated_height_m.is_none_or(is_low)
     });
     let (Some(height_m), false) = (site.stated_height_m, is_window) else {
-        return fall_segments(frames, falls);
+        return (fall_segments(frames, falls), Vec::new());
     };
-    let watched = falls_by_height(frames, site, height_m, track_options(frames));
+    let mut watched = falls_by_height(frames, site, height_m, track_options(frames));
+    watched.retain(|one| !people.iter().any(|p| stays_up(p, &one.fall, &LONG)));
     // Who is down does not fall.
     let is_down = |t_s: f64| (watched.iter()).any(|one| (one.fall.t_s..one.until_s).contains(&t_s));
     falls.retain(|fall| !is_down(fall.t_s));
     let mut segments = fall_segments(frames, falls);
+    let lying = watched.iter().filter_map(|one| lying_after(frames, one));
+    let lying = lying.collect();
     let watched = watched.into_iter().map(|one| one.fall).collect();
     add_falls(&mut segments, fall_segments(frames, watched));
-    segments
+    (segments, lying)
+}
+
+/// The sentence of somebody who fell, from the moment of the fall until the person is up again or is seen no more at its place.
+fn lying_after(
+    frames: &[PointFrame],
+    FallByHeight { fall, until_s }: &FallByHeight,
+) -> Option<Segment> {
+    let mut seen_s = fall.t_s;
+    for frame in frames.iter().filter(|f| f.time_s > fall.t_s) {
+        if frame.time_s >= *until_s || frame.time_s - seen_s > STILL_THERE_S {
+            break;
+        }
+        let mut points = frame.points.iter().filter(|p| !p.is_leakage());
+        let [x_m, y_m] = fall.place_m;
+        if points.any(|p| (p.x_m - x_m).hypot(p.y_m - y_m) <= NEAR_FALL_M) {
+            seen_s = frame.time_s;
+        }
+    }
+    let caption = || format!("a person lies {:.1} m away", distance_m(fall));
+    (seen_s > fall.t_s).then(|| segment([fall.t_s, seen_s], caption(), fall.probability))
+}
+
+/// Lets the sentence of somebody who lies begin where that of the fall ends, if a fall is stated there and the person lies for
+/// longer.
+fn begins_after_one_of(falls: &[Segment], lies: &mut Segment) -> bool {
+    let is_its_fall =
+        |fall: &&Segment| (fall.start_s - FALL_S..=fall.end_s + FALL_S).contains(&lies.start_s);
+    let Some(fall) = falls.iter().find(is_its_fall) else {
+        return false;
+    };
+    lies.start_s = fall.end_s;
+    lies.end_s > lies.start_s
 }
 
 /// Adds falls that are not those which are there already.
@@ -161,17 +199,11 @@ fn segments(states: &[State]) -> Vec<Segment> {
     let mut taken: Vec<[f64; 2]> = Vec::new();
     for state in falls.into_iter().chain(others) {
         for [start_s, end_s] in rest_of([state.start_s, state.end_s], &taken) {
-            let caption = sentence(state);
-            segments.push(Segment {
-                start_s,
-                end_s,
-                actions: radarllm_inference::actions(&caption),
-                caption,
-                confidence: state.probability,
-                side_confidence: None,
-                taught: None,
-                guess: None,
-            });
+            segments.push(segment(
+                [start_s, end_s],
+                sentence(state),
+                state.probability,
+            ));
             taken.push([start_s, end_s]);
         }
         // Times before this state are complete, but for falls: they stay.
@@ -180,6 +212,20 @@ fn segments(states: &[State]) -> Vec<Segment> {
     }
     segments.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     segments
+}
+
+/// A sentence that is measured.
+fn segment([start_s, end_s]: [f64; 2], caption: String, probability: f32) -> Segment {
+    Segment {
+        start_s,
+        end_s,
+        actions: radarllm_inference::actions(&caption),
+        caption,
+        confidence: probability,
+        side_confidence: None,
+        taught: None,
+        guess: None,
+    }
 }
 
 /// What is left of a time beside others, which are in order and apart.
@@ -210,16 +256,30 @@ fn join(times: &mut Vec<[f64; 2]>) {
     });
 }
 
-/// Whether a person is as high after a fall at the same place as before: the middle of the points of somebody who stands is
-/// that of the legs for a moment.
-fn stays_up(person: &TrackedPerson, fall: &Fall) -> bool {
-    /// Times before and after the fall, s.
-    const BEFORE_S: [f64; 2] = [-4.0, -1.0];
-    const AFTER_S: [f64; 2] = [1.5, 4.5];
+/// Times before and after a fall, s, and the share of them in which the person has to be seen.
+struct Around {
+    before_s: [f64; 2],
+    after_s: [f64; 2],
+    seen: f64,
+}
+
+/// The middle of the points of somebody who stands is that of the legs for a moment.
+const SHORT: Around = Around {
+    before_s: [-4.0, -1.0],
+    after_s: [1.5, 4.5],
+    seen: 0.7,
+};
+/// Who keeps still is seen now and then. A running radar confirms a fall after 20 s.
+const LONG: Around = Around {
+    before_s: [-20.0, -1.0],
+    after_s: [1.5, 20.0],
+    seen: 0.1,
+};
+
+/// Whether a person is as high after a fall at the same place as before.
+fn stays_up(person: &TrackedPerson, fall: &Fall, around: &Around) -> bool {
     /// Change of the height below which it is that of before, m.
     const SAME_M: f32 = 0.25;
-    /// Share of the time in which the person has to be seen.
-    const SEEN: f64 = 0.7;
     let height_m = |[from_s, to_s]: [f64; 2]| {
         let samples = person.between(fall.t_s + from_s, fall.t_s + to_s);
         let near = samples.iter().filter(|s| {
@@ -227,10 +287,10 @@ fn stays_up(person: &TrackedPerson, fall: &Fall) -> bool {
         });
         let seen: Vec<&Sample> = near.filter(|s| s.height_m.is_some()).collect();
         let seen_s = seen.last()?.t_s - seen.first()?.t_s;
-        (seen_s >= SEEN * (to_s - from_s))
+        (seen_s >= around.seen * (to_s - from_s))
             .then(|| quantile_nearest(seen.iter().filter_map(|s| s.height_m), 0.5))?
     };
-    let heights_m = height_m(BEFORE_S).zip(height_m(AFTER_S));
+    let heights_m = height_m(around.before_s).zip(height_m(around.after_s));
     heights_m.is_some_and(|(before_m, after_m)| before_m - after_m < SAME_M)
 }
 
@@ -255,25 +315,24 @@ fn postures_in_points(people: &[TrackedPerson], site: &Site, before: Before) -> 
     segments
 }
 
+/// Distance from the radar on the floor, m.
+fn distance_m(fall: &Fall) -> f32 {
+    fall.place_m[0].hypot(fall.place_m[1])
+}
+
 /// The sentences of falls in frames.
 fn fall_segments(frames: &[PointFrame], falls: Vec<Fall>) -> Vec<Segment> {
     let end_s = frames.last().map_or(0.0, |f| f.time_s);
     let start_s = frames.first().map_or(0.0, |f| f.time_s);
-    let segment = |fall: Fall| {
-        let [x_m, y_m] = fall.place_m;
-        let caption = format!("a person falls {:.1} m away", x_m.hypot(y_m));
-        Segment {
-            start_s: (fall.t_s - FALL_S).max(start_s),
-            end_s: (fall.t_s + FALL_S).min(end_s),
-            actions: radarllm_inference::actions(&caption),
-            caption,
-            confidence: fall.probability,
-            side_confidence: None,
-            taught: None,
-            guess: None,
-        }
+    let of_fall = |fall: Fall| {
+        let span_s = [
+            (fall.t_s - FALL_S).max(start_s),
+            (fall.t_s + FALL_S).min(end_s),
+        ];
+        let caption = format!("a person falls {:.1} m away", distance_m(&fall));
+        segment(span_s, caption, fall.probability)
     };
-    falls.into_iter().map(segment).collect()
+    falls.into_iter().map(of_fall).collect()
 }
 
 #[cfg(test)]
@@ -324,11 +383,95 @@ mod tests {
             let clip = PreparedClip::of(&clip).unwrap();
             assert_ne!(clip.n_points(), clip.moving().n_points());
             match Measured::of(&clip, None, Before::Nothing) {
-                Measured::InPoints(segments) => segments.len(),
+                Measured::InPoints(segments) => {
+                    let falls = segments.iter().filter(|s| s.actions == ["fall"]);
+                    falls.count()
+                }
                 Measured::States(_) => 0,
             }
         };
         assert_eq!([found(true), found(false)], [1, 0]);
+    }
+
+    /// The sentences of 40 s of ten points a frame of a body 3 m away whose highest point is at a height above the floor, m,
+    /// as a function of the time; where there is none, nobody is seen.
+    fn sentences_of(top_m: impl Fn(f64) -> Option<f32>) -> Vec<(String, [f64; 2])> {
+        const RADAR_M: f32 = 1.2;
+        let frame = |i: u32| {
+            let time_s = f64::from(i) / 10.0;
+            let point = |k: u16| {
+                let z_m = top_m(time_s).unwrap_or_default() * f32::from(k) / 9.0 - RADAR_M;
+                RadarPoint {
+                    x_m: 0.02 * f32::from(k),
+                    y_m: 3.0,
+                    z_m,
+                    range_m: 3.0_f32.hypot(z_m),
+                    velocity_mps: 0.3,
+                    intensity_db: 20.0,
+                }
+            };
+            let n = if top_m(time_s).is_some() { 10 } else { 0 };
+            PointFrame {
+                frame: i,
+                time_s,
+                points: (0..n).map(point).collect(),
+                board: None,
+            }
+        };
+        let clip = Clip {
+            frames: (0..400).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: RADAR_M,
+            is_height_assumed: false,
+            radar: "board".into(),
+            provenance: "recorded:csv:x".parse().unwrap(),
+            clutter: Clutter::Settled,
+        };
+        let clip = PreparedClip::of(&clip).unwrap();
+        let Measured::InPoints(segments) = Measured::of(&clip, None, Before::Nothing) else {
+            panic!("no tracks of a board")
+        };
+        let of = |s: Segment| (s.caption, [s.start_s, s.end_s]);
+        segments.into_iter().map(of).collect()
+    }
+
+    #[test]
+    fn who_fell_lies_until_the_person_is_up_or_seen_no_more() {
+        let drops = |t_s: f64| (1.7 - 2.0 * (t_s - 5.0).max(0.0) as f32).max(0.3);
+        let stays = |t_s: f64| Some(drops(t_s));
+        let rises = |t_s: f64| Some(if t_s > 30.0 { 1.7 } else { drops(t_s) });
+        let vanishes = |t_s: f64| (t_s < 15.0).then(|| drops(t_s));
+        for (found, until_s) in [
+            (sentences_of(stays), 39.8..40.0),
+            (sentences_of(rises), 30.0..32.0),
+            (sentences_of(vanishes), 14.8..15.0),
+        ] {
+            let [(lies, [from_s, to_s]), (falls, [_, end_s])] = &found[..] else {
+                panic!("{found:?}")
+            };
+            assert!(falls.starts_with("a person falls 3."), "{falls}");
+            assert!(lies.starts_with("a person lies 3."), "{lies}");
+            assert!(from_s == end_s && until_s.contains(to_s), "{found:?}");
+        }
+    }
+
+    /// Of somebody who sits and is hardly seen, the points are those of a raised arm and then those of the feet for a time.
+    #[test]
+    fn who_is_seen_as_high_afterwards_now_and_then_has_not_fallen() {
+        let feet = |then_m: f32| {
+            move |t_s: f64| match t_s {
+                t if t < 14.0 => Some(0.9),
+                t if t < 15.0 => Some(1.2),
+                t if t < 17.0 => Some(0.3),
+                t => (t % 3.0 < 1.0).then_some(then_m),
+            }
+        };
+        assert_eq!(sentences_of(feet(0.9)), []);
+        let fallen = sentences_of(feet(0.3));
+        assert!(
+            fallen.iter().any(|(s, _)| s.contains("falls")),
+            "{fallen:?}"
+        );
     }
 
     fn state(activity: Activity, start_s: f64, end_s: f64) -> State {

@@ -18,7 +18,7 @@ const AROUND_S: f64 = 1.0;
 const MIN_POINTS: usize = 4;
 /// Who keeps still is seen no more, and is still there when somebody is seen again within this time, s, and within this
 /// distance, m: who leaves or comes is seen walking.
-const STILL_THERE_S: f64 = 60.0;
+pub(crate) const STILL_THERE_S: f64 = 60.0;
 const STILL_THERE_M: f32 = 1.0;
 /// Who hardly moves has too few points for a track, and is seen where the track was lost while points are there again and again,
 /// s and m.

@@ -8,7 +8,8 @@ use radarllm_base::{Clip, Provenance};
 use radarllm_eval::{
     EvalError,
     falls::{
-        DescribeFalls, FallPlan, FallReport, RecordingAlarms, evaluate_falls, recording_alarms,
+        DescribeTrial, FallPlan, FallReport, RecordingAlarms, StatedAction, evaluate_falls,
+        recording_alarms,
     },
     recordings::{LOOKS_HEAD, RecordingsConfig, Role, labelled_files, look_for_falls},
 };
@@ -90,10 +91,10 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     let describe = captioner.map(|captioner| {
         move |mut clip: Clip| {
             clip.is_height_assumed = args.height_not_stated;
-            stated_falls(&captioner, clip)
+            stated_actions(&captioner, clip)
         }
     });
-    let describe = describe.as_ref().map(|describe| describe as &DescribeFalls);
+    let describe = describe.as_ref().map(|describe| describe as &DescribeTrial);
     let mut report = match args.recordings_only {
         true => FallReport::without_trials(&plan),
         false => on_threads(args.threads, || evaluate_falls(&plan, base, describe))??,
@@ -106,13 +107,19 @@ pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     Ok(())
 }
 
-/// The times, s, at which falls are stated in a clip that is taken for a recording of a board that no model learned from.
-fn stated_falls(captioner: &Captioner, mut clip: Clip) -> Result<Vec<f64>, EvalError> {
+/// What is stated in a clip that is taken for a recording of a board that no model learned from.
+fn stated_actions(captioner: &Captioner, mut clip: Clip) -> Result<Vec<StatedAction>, EvalError> {
     clip.radar = "unknown".into();
     clip.provenance = Provenance::recorded("points", "trial");
     let description = captioner.describe(&clip)?;
-    let falls = (description.segments.iter()).filter(|s| s.actions.contains(&"fall"));
-    Ok(falls.map(|s| f64::midpoint(s.start_s, s.end_s)).collect())
+    let stated = description.segments.iter().flat_map(|segment| {
+        segment.actions.iter().map(|action| StatedAction {
+            action: (*action).into(),
+            start_s: segment.start_s,
+            end_s: segment.end_s,
+        })
+    });
+    Ok(stated.collect())
 }
 
 /// Adds a line to the log of evaluations for every set of judged recordings.

@@ -18,6 +18,7 @@ use std::path::Path;
 
 use radarllm_base::Clip;
 use rayon::prelude::*;
+use serde::Serialize;
 
 use crate::EvalError;
 pub use counts::{DailyRate, Proportion};
@@ -29,8 +30,19 @@ pub use report::{DescribedFalls, FallCounts, FallReport, OtherCounts};
 pub use score::{Missed, Score, TrueFall};
 pub use trial::TrialRow;
 
-/// The times, s, at which falls are stated in a clip.
-pub type DescribeFalls<'a> = dyn Fn(Clip) -> Result<Vec<f64>, EvalError> + Sync + 'a;
+/// A time, s, in which an action is stated.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StatedAction {
+    /// Its name.
+    pub action: String,
+    /// Beginning.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+}
+
+/// What is stated in a clip.
+pub type DescribeTrial<'a> = dyn Fn(Clip) -> Result<Vec<StatedAction>, EvalError> + Sync + 'a;
 
 /// Runs all trials on the threads of the rayon pool from which this is called. Radar files are relative to `base`. With
 /// `describe`, the points of each trial are described as well.
@@ -40,7 +52,7 @@ pub type DescribeFalls<'a> = dyn Fn(Clip) -> Result<Vec<f64>, EvalError> + Sync 
 pub fn evaluate_falls(
     plan: &FallPlan,
     base: &Path,
-    describe: Option<&DescribeFalls>,
+    describe: Option<&DescribeTrial>,
 ) -> Result<FallReport, EvalError> {
     let n_falls = plan.n_falls();
     let trials: Vec<(bool, Trial)> = plan
@@ -90,10 +102,20 @@ mod tests {
                 1,
             );
         let plan = FallPlan::from_toml(&text).unwrap();
-        // Whoever describes sees the points of a trial in order of time, and states a fall long after each.
+        // Whoever describes sees the points of a trial in order of time, and states a fall long after each, and that
+        // somebody lies in the last second of it.
         let describe = |clip: Clip| {
             assert!(clip.frames.windows(2).all(|w| w[0].time_s < w[1].time_s));
-            Ok(vec![clip.frames.len() as f64 * FRAME_PERIOD_S + 99.0])
+            let end_s = clip.frames.len() as f64 * FRAME_PERIOD_S;
+            let stated = |action: &str, start_s, end_s| StatedAction {
+                action: action.into(),
+                start_s,
+                end_s,
+            };
+            Ok(vec![
+                stated("lie_still", end_s - 1.0, end_s),
+                stated("fall", end_s + 98.0, end_s + 100.0),
+            ])
         };
         let report = evaluate_falls(&plan, Path::new(""), Some(&describe)).unwrap();
         let [fall, bow] = &report.rows[..] else {
@@ -106,6 +128,10 @@ mod tests {
         assert_eq!((bow.truth, &bow.score), (None, &Score::default()));
         assert_eq!((fall.is_described(), fall.falsely_described()), (false, 1));
         assert_eq!((bow.is_described(), bow.falsely_described()), (false, 1));
+        let after_s = fall.seconds - fall.truth.unwrap().impact_s - score::LATEST_S;
+        let share = fall.lying_share().unwrap();
+        assert!((share - 1.0 / after_s).abs() < 1e-9, "{share}");
+        assert_eq!(bow.lying_share(), None);
         let page = report.to_markdown();
         assert_eq!(page.matches("stated by `describe`").count(), 2, "{page}");
         // What is decided is not simulated further.

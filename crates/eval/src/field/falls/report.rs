@@ -70,6 +70,8 @@ pub struct DescribedFalls {
     pub stated: Proportion,
     /// Falls that it states besides.
     pub besides: usize,
+    /// The mean share of the time after the falls that it states in which it states that the person lies.
+    pub lying_share: Option<f64>,
 }
 
 /// What is not a fall, under one condition.
@@ -215,6 +217,11 @@ fn fall_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> Fa
         described: is_described(rows).then(|| DescribedFalls {
             stated: proportion(TrialRow::is_described),
             besides: sum(TrialRow::falsely_described),
+            lying_share: {
+                let stated = rows.iter().filter(|row| row.is_described());
+                let shares: Vec<f64> = stated.filter_map(|row| row.lying_share()).collect();
+                (!shares.is_empty()).then(|| shares.iter().sum::<f64>() / shares.len() as f64)
+            },
         }),
     }
 }
@@ -243,7 +250,7 @@ fn other_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> O
 }
 
 fn is_described(rows: &[&TrialRow]) -> bool {
-    rows.iter().any(|row| row.described_s.is_some())
+    rows.iter().any(|row| row.described.is_some())
 }
 
 fn fall_table(counts: &[FallCounts]) -> Table {
@@ -259,7 +266,11 @@ fn fall_table(counts: &[FallCounts]) -> Table {
         "repeated",
     ];
     if counts.iter().any(|row| row.described.is_some()) {
-        head.extend(["stated by `describe`", "stated besides"]);
+        head.extend([
+            "stated by `describe`",
+            "stated besides",
+            "lies afterwards, %",
+        ]);
     }
     let mut table = Table::new("", "", &head);
     let seconds = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:.2}"));
@@ -276,7 +287,12 @@ fn fall_table(counts: &[FallCounts]) -> Table {
             row.repeated.to_string(),
         ];
         if let Some(described) = row.described {
-            cells.extend([described.stated.to_text(), described.besides.to_string()]);
+            let share = |share: f64| format!("{:.0}", 100.0 * share);
+            cells.extend([
+                described.stated.to_text(),
+                described.besides.to_string(),
+                described.lying_share.map_or_else(String::new, share),
+            ]);
         }
         table.rows.push(cells);
     }
@@ -364,7 +380,7 @@ mod tests {
             missed: (is_fall && score.suspected_s.is_none()).then_some(Missed::NotSeenDown),
             heights: Vec::new(),
             score,
-            described_s: None,
+            described: None,
         }
     }
 

@@ -13,7 +13,7 @@ use radarllm_synth::{
 use serde::Serialize;
 
 use super::{
-    DescribeFalls,
+    DescribeTrial, StatedAction,
     plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial},
     score::{LATEST_S, Missed, Score, TrueFall, score, why_missed},
     watch::{Heights, WatchedRoom},
@@ -40,9 +40,9 @@ pub struct TrialRow {
     pub points_per_frame: f64,
     /// What the monitor said.
     pub score: Score,
-    /// When `describe` states falls, s; `None` if it was not asked.
+    /// What `describe` states; `None` if it was not asked.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub described_s: Option<Vec<f64>>,
+    pub described: Option<Vec<StatedAction>>,
     /// Why a fall was missed.
     pub missed: Option<Missed>,
     /// Heights, m above the floor, from 2 s before the onset to 3 s after the impact of a missed fall, with their times,
@@ -59,18 +59,37 @@ impl TrialRow {
 
     /// Whether `describe` states the fall.
     pub fn is_described(&self) -> bool {
-        self.described().any(|is_the_fall| is_the_fall)
+        self.falls_described().any(|is_the_fall| is_the_fall)
     }
 
     /// How many falls `describe` states without one.
     pub fn falsely_described(&self) -> usize {
-        self.described().filter(|is_the_fall| !is_the_fall).count()
+        (self.falls_described())
+            .filter(|is_the_fall| !is_the_fall)
+            .count()
     }
 
     /// Of every fall that `describe` states, whether it is the one of the trial.
-    fn described(&self) -> impl Iterator<Item = bool> {
-        let at_s = self.described_s.iter().flatten();
-        at_s.map(|at_s| self.truth.is_some_and(|truth| truth.includes(*at_s)))
+    fn falls_described(&self) -> impl Iterator<Item = bool> {
+        self.stated("fall").map(|[start_s, end_s]| {
+            let at_s = f64::midpoint(start_s, end_s);
+            self.truth.is_some_and(|truth| truth.includes(at_s))
+        })
+    }
+
+    /// The share of the time after a fall, from [`LATEST_S`] after the impact on, in which `describe` states that the person
+    /// lies.
+    pub fn lying_share(&self) -> Option<f64> {
+        let from_s = self.truth?.impact_s + LATEST_S;
+        let within_s = |[start_s, end_s]: [f64; 2]| end_s.min(self.seconds) - start_s.max(from_s);
+        let lying_s = (self.stated("lie_still").map(within_s)).fold(0.0, |sum, s| sum + s.max(0.0));
+        Some(lying_s / (self.seconds - from_s))
+    }
+
+    /// When `describe` states an action, s.
+    fn stated(&self, action: &str) -> impl Iterator<Item = [f64; 2]> {
+        let stated = self.described.iter().flatten();
+        (stated.filter(move |one| one.action == action)).map(|one| [one.start_s, one.end_s])
     }
 }
 
@@ -82,7 +101,7 @@ pub(super) fn run(
     is_fall: bool,
     radar: &OpenRadar,
     synthesizer: &mut Synthesizer,
-    describe: Option<&DescribeFalls>,
+    describe: Option<&DescribeTrial>,
 ) -> Result<TrialRow, EvalError> {
     let input = open_motion(&trial.request, trial.seed)?;
     let mut shape = input.shape;
@@ -149,7 +168,7 @@ pub(super) fn run(
         provenance: Provenance::simulated(&trial.request, trial.seed),
         clutter: Clutter::Unchecked,
     };
-    let described_s = describe.map(|describe| describe(clip())).transpose()?;
+    let described = describe.map(|describe| describe(clip())).transpose()?;
     let score = score(truth, &watch.events);
     let missed_fall = truth.filter(|_| score.suspected_s.is_none());
     let heights = |truth: TrueFall| {
@@ -166,7 +185,7 @@ pub(super) fn run(
         missed: missed_fall.map(|truth| why_missed(truth, &seen, options.fall_height_m)),
         heights: missed_fall.map(heights).unwrap_or_default(),
         score,
-        described_s,
+        described,
     })
 }
 
