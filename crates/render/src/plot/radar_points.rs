@@ -14,6 +14,9 @@ use super::{
 /// Minimum end of a velocity axis, m/s, so that the noise of a static scene remains grey.
 const MIN_SPEED_MPS: f64 = 0.1;
 
+/// Minimum length of an axis of places over time, m: its ticks would be finer than any radar resolves.
+const MIN_EXTENT_M: f64 = 0.5;
+
 /// Margin before and after a recording, as a fraction of its duration.
 const TIME_PADDING: f64 = 0.02;
 
@@ -51,11 +54,13 @@ pub fn point_cloud(points: &[RadarPoint], title: &str) -> ScatterPlot {
 
 /// Range and x (to the right of the radar) of points over time, coloured as in [`point_cloud`].
 pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
-    over_time(frames, title, &[RANGE, ACROSS])
+    let mut plot = over_time(frames, title, &[RANGE, ACROSS]);
+    plot.panels.iter_mut().for_each(extend);
+    plot
 }
 
 /// Range, x and z (above the radar) of points over time with what is said of them, coloured as in [`point_cloud`]. Tracks of
-/// the board are lines. Leakage of the radar is not drawn, unless there is nothing else.
+/// the board are lines. Leakage of the radar is not drawn, unless there is nothing else; a heading says so then.
 pub fn timeline(frames: &[PointFrame], said: Vec<Span>, title: &str) -> ScatterPlot {
     let received = |frame: &PointFrame| {
         let points = frame.points.iter().filter(|p| !p.is_leakage());
@@ -67,6 +72,10 @@ pub fn timeline(frames: &[PointFrame], said: Vec<Span>, title: &str) -> ScatterP
     let mut plot = over_time(drawn, title, &[RANGE, ACROSS, UP]);
     for (panel, value) in plot.panels.iter_mut().zip(OF_TRACK) {
         panel.lines = tracks(frames, value);
+        extend(panel);
+    }
+    if !has_points && frames.iter().any(|f| !f.points.is_empty()) {
+        plot.panels[0].heading = "Leakage of the radar alone".into();
     }
     ScatterPlot {
         spans: said,
@@ -160,6 +169,25 @@ fn over_time(frames: &[PointFrame], title: &str, coordinates: &[Coordinate]) -> 
         panel(label, axis, *value)
     });
     coloured_by_velocity(title, panels.collect())
+}
+
+/// Makes the axis of places at least [`MIN_EXTENT_M`] long.
+fn extend(panel: &mut ScatterPanel) {
+    let of_points = panel.points.iter().map(|[_, value_m, _]| *value_m);
+    let of_lines = panel.lines.iter().flatten().map(|[_, value_m]| *value_m);
+    let values = of_points
+        .chain(of_lines)
+        .filter(|value_m| value_m.is_finite());
+    let ends = values.fold(
+        [f64::INFINITY, f64::NEG_INFINITY],
+        |[first, last], value_m| [first.min(value_m), last.max(value_m)],
+    );
+    let [first_m, last_m] = ends;
+    if first_m <= last_m && last_m - first_m < MIN_EXTENT_M {
+        let middle_m = f64::midpoint(first_m, last_m);
+        let half_m = MIN_EXTENT_M / 2.0;
+        panel.y.limits = Some([middle_m - half_m, middle_m + half_m]);
+    }
 }
 
 fn coloured_by_velocity(title: &str, panels: Vec<ScatterPanel>) -> ScatterPlot {

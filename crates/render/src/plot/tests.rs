@@ -329,7 +329,28 @@ fn a_timeline_draws_tracks_of_the_board_as_lines_and_no_leakage() {
     assert_eq!(lines.count(), 8);
     // Where there is nothing but leakage, it is drawn.
     let near: Vec<PointFrame> = frames.iter().map(|f| f.with_points(vec![near()])).collect();
-    assert_eq!(timeline(&near, Vec::new(), "t").panels[0].points.len(), 50);
+    let leakage = timeline(&near, Vec::new(), "t");
+    assert_eq!(leakage.panels[0].points.len(), 50);
+    assert!(leakage.to_svg().contains("Leakage of the radar alone"));
+    assert!(!plot.to_svg().contains("Leakage"));
+    // What has one place and no tracks has an axis that shows centimetres, not fractions of a millimetre.
+    let alone: Vec<PointFrame> = near
+        .into_iter()
+        .map(|frame| PointFrame {
+            board: None,
+            ..frame
+        })
+        .collect();
+    for plot in [
+        timeline(&alone, Vec::new(), "t"),
+        points_over_time(&alone, "t"),
+    ] {
+        let [first_m, last_m] = plot.panels[0].y.limits.unwrap();
+        assert!((last_m - first_m - 0.5).abs() < 1e-9);
+        assert!((first_m..last_m).contains(&plot.panels[0].points[0][1]));
+    }
+    // The tracks are drawn, too.
+    assert_eq!(leakage.panels[0].y.limits, None);
 }
 
 #[test]
