@@ -23,17 +23,24 @@ disk    A full disk as the folder of the output, with 0, 25, 50 and 90 % of the 
         be told with the path, and nothing be left. Then there is space again, and the command that resumes must give
         the undisturbed result.
 stdout  /dev/full as standard output: exit code 1, and a message that names standard output.
-clock   Jumps of the clock: not part of this program without libfaketime.
+clock   The clock of the computer jumps while `live` reads a serial port (a pseudo-terminal): by seconds to 400 days,
+        ahead or back, at a random moment, once a try. Its steady clock goes on, as when a computer sets its time. What
+        was announced before and after must be in the memory under the time that was announced, nothing that was stored
+        may be deleted, no row may span the jump, and times after it must be those of the new clock. Needs libfaketime
+        (`pip install libfaketime`, or the package of the distribution), named by LIBFAKETIME if it is not found.
 """
 
 import argparse
 import collections
+import concurrent.futures
 import datetime
 import gzip
 import hashlib
+import importlib.util
 import json
 import os
 import pathlib
+import pty
 import random
 import resource
 import shlex
@@ -48,6 +55,7 @@ import tempfile
 import threading
 import time
 import tomllib
+import tty
 
 LIMIT_S = 120
 RADAR = "iwrl6432"
@@ -1049,10 +1057,127 @@ def full_stdout(campaign):
         campaign.print(row)
 
 
+MAGIC = bytes([2, 1, 4, 3, 6, 5, 8, 7])
+UART_HZ = 20
+# Somebody walks to and fro for 9 s and is away for 4 s, again and again.
+THERE_S, AWAY_S, TURN_S = 9.0, 4.0, 3.0
+
+
+def uart_frame(number, draw):
+    """A frame of TI's out-of-box demo (SDK 3): twelve points of somebody who walks at 1 m/s, or none."""
+    now_s = number / UART_HZ % (THERE_S + AWAY_S)
+    turns, part_s = divmod(now_s, TURN_S)
+    y_m, v_mps = (1.5 + part_s, 1.0) if turns % 2 == 0 else (1.5 + TURN_S - part_s, -1.0)
+    n = 12 if now_s < THERE_S else 0
+    places = [(draw.gauss(0, 0.1), y_m + draw.gauss(0, 0.1), draw.gauss(0, 0.3), v_mps) for _ in range(n)]
+    points = b"".join(struct.pack("<4f", *place) for place in places)
+    side = struct.pack("<2h", 200, 700) * n
+    body = struct.pack("<2I", 1, len(points)) + points + struct.pack("<2I", 7, len(side)) + side
+    padding = -(40 + len(body)) % 32
+    total = 40 + len(body) + padding
+    header = struct.pack("<8I", 0x03050004, total, 0xA6843, number, 0, n, 2, 0)
+    return MAGIC + header + body + bytes(padding)
+
+
+class ClockJumps:
+    """`live` on a serial port while the clock of the computer jumps."""
+
+    command = ["live", "PORT", "--frame-rate", UART_HZ, "--no-http", "--json", "--occupancy-hold", "2", "--db", "live.db"]
+    jump_s = [-86_400 * 400, -86_400, -3_600, -60, -5, 5, 60, 3_600, 86_400, 86_400 * 400]
+    last_s = 40.0
+
+    def __init__(self, campaign, library):
+        self.campaign, self.library, self.live = campaign, library, Live(campaign)
+
+    def start(self, folder, port):
+        """Starts `live` with a clock whose difference from that of the computer, s, is in a file."""
+        environment = {"LD_PRELOAD": str(self.library), "FAKETIME_TIMESTAMP_FILE": str(folder / "offset"),
+                       "FAKETIME_NO_CACHE": "1", "FAKETIME_DONT_FAKE_MONOTONIC": "1"}
+        command = [self.campaign.binary, *map(str, self.command)]
+        command = [port if word == "PORT" else str(folder / word) if word == "live.db" else word for word in command]
+        with open(folder / "live.err", "wb") as errors:
+            return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, stdin=subprocess.DEVNULL,
+                                    env=self.campaign.environment | environment)
+
+    def try_once(self, index, jump_s, at_s):
+        """One try with a jump after a time. Returns what went wrong, and how many messages were checked."""
+        folder = self.campaign.fresh(f"clock-{index}")
+        (folder / "offset").write_text("+0")
+        ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        process, heard = self.start(folder, os.ttyname(theirs)), []
+
+        def read():
+            for line in process.stdout:
+                heard.append((time.monotonic(), line))
+
+        reader = threading.Thread(target=read)
+        reader.start()
+        draw, jumped = random.Random(index), None
+        begun, number = time.monotonic(), 0
+        while process.poll() is None and number < self.last_s * UART_HZ:
+            now_s = number / UART_HZ
+            if jumped is None and now_s >= at_s:
+                (folder / "offset.new").write_text(f"{jump_s:+d}")
+                (folder / "offset.new").replace(folder / "offset")
+                jumped = (time.monotonic(), time.time())
+            os.write(ours, uart_frame(number, draw))
+            number += 1
+            time.sleep(max(0.0, begun + number / UART_HZ - time.monotonic()))
+        process.send_signal(signal.SIGTERM)
+        code = process.wait(LIMIT_S)
+        reader.join()
+        os.close(ours)
+        os.close(theirs)
+        problems = [] if code == 0 else [f"exit code {code}: {(folder / 'live.err').read_text(errors='replace')[-300:]}"]
+        return problems + self.check(folder, heard, jump_s, jumped)
+
+    def check(self, folder, heard, jump_s, jumped):
+        """Compares what was announced with the database and with the two clocks."""
+        (folder / "live.jsonl").write_bytes(b"".join(line for _, line in heard))
+        copy = self.campaign.fresh(f"{folder.name}-copy")
+        activities, events, problems = self.live.stored(folder, copy)
+        messages = [(at, json.loads(line)) for at, line in heard if line.endswith(b"\n")]
+        end = time.monotonic()
+        problems += self.live.missing([(end - at, message) for at, message in messages], activities, events)
+        if not any(m["type"] == "presence" for _, m in messages) or not activities:
+            problems.append("nothing was announced")
+        # A jump ahead is followed when frames have been late for 2 s.
+        settled_s, away_s = 4.0, 3.0
+        real_ms = lambda at: 1e3 * (jumped[1] + at - jumped[0])
+        for at, message in messages:
+            if message["type"] != "presence":
+                continue
+            apart_s = (milliseconds(message["utc"]) - real_ms(at)) / 1e3
+            expected = [0] if at < jumped[0] else [jump_s] if at > jumped[0] + settled_s else [0, jump_s]
+            if min(abs(apart_s - one) for one in expected) > away_s:
+                problems.append(f"a message {at - jumped[0]:+.0f} s from the jump has a time {apart_s:+.0f} s from the clock")
+        rows = [row for row in activities if row[2] < row[1] or row[2] - row[1] > 1e3 * self.last_s]
+        return problems + [f"a row of {(row[2] - row[1]) / 1e3:.0f} s" for row in rows]
+
+    def all(self):
+        """Four tries at a time, so that the campaign does not take the sum of their times."""
+        row = Row("clock jumps: live --db on a serial port")
+        count = max(1, self.campaign.kills)
+        tries = [(i, self.jump_s[i % len(self.jump_s)], self.campaign.random.uniform(6.0, 28.0)) for i in range(count)]
+        with concurrent.futures.ThreadPoolExecutor(4) as pool:
+            for one, problems in zip(tries, pool.map(lambda one: self.try_once(*one), tries)):
+                row.count(f"{self.campaign.text(self.command)} with a jump of {one[1]} s", problems)
+        told = ", ".join(f"{n} of kind {kind}" for kind, n in self.live.announced.items())
+        row.remarks += [f"jumps of {', '.join(map(str, self.jump_s))} s", f"announced: {told}"]
+        self.campaign.print(row)
+
+
 def clock(campaign):
-    """Jumps of the clock need libfaketime."""
-    found = shutil.which("faketime") or [*pathlib.Path("/usr/lib").glob("**/libfaketime.so.1")]
-    campaign.not_run("clock jumps", "this program has no check for it yet" if found else "libfaketime is not installed")
+    """Jumps of the clock, which need libfaketime."""
+    named = [pathlib.Path(os.environ["LIBFAKETIME"])] if "LIBFAKETIME" in os.environ else []
+    found = named or sorted(pathlib.Path("/usr/lib").glob("**/libfaketime.so.1"))
+    if not found:
+        spec = importlib.util.find_spec("libfaketime")
+        found = sorted(pathlib.Path(spec.origin).parent.glob("**/libfaketime.so.1")) if spec else []
+    if not found:
+        return campaign.not_run("clock jumps", "libfaketime is not installed")
+    ClockJumps(campaign, found[0].resolve()).all()
 
 
 PARTS = {"kill": kills, "files": few_files, "disk": full_disk, "stdout": full_stdout, "clock": clock}

@@ -23,7 +23,7 @@ use radarllm_facts::parse;
 
 use crate::clock::MAX_GAP_S;
 use crate::options::{OptionError, has_passed, is_over, within};
-use crate::rows::{Activity, Growth};
+use crate::rows::Activity;
 
 /// Longest row, s: half of the longest activity of the memory.
 pub const MAX_ROW_S: f64 = 43_200.0;
@@ -214,19 +214,6 @@ impl Row {
             end_ms: utc_ms(self.end_s).max(start_ms),
             person: self.person,
             action: self.action.clone(),
-            caption: self.caption.text.clone(),
-            confidence: self.caption.confidence,
-            windows: self.n_windows,
-            points: self.n_points,
-            place_m: self.caption.place_m,
-        }
-    }
-
-    /// What changes in the memory when the row is reported again. The end is not before the one that was kept,
-    /// `kept_end_ms`, also if the time of day went back meanwhile.
-    pub fn growth(&self, kept_end_ms: i64, utc_ms: impl Fn(f64) -> i64) -> Growth {
-        Growth {
-            end_ms: utc_ms(self.end_s).max(kept_end_ms),
             caption: self.caption.text.clone(),
             confidence: self.caption.confidence,
             windows: self.n_windows,
@@ -834,11 +821,6 @@ mod tests {
         let activity = found[0].activity(utc_ms);
         assert_eq!((activity.start_ms, activity.end_ms), (1_000_000, 1_012_000));
         assert_eq!((activity.windows, activity.points), (4, 400));
-        let growth = found[1].growth(activity.end_ms, utc_ms);
-        assert_eq!((growth.end_ms, growth.windows), (1_014_000, 5));
-        // An hour back: the row does not shrink.
-        let back_ms = |t_s: f64| utc_ms(t_s) - 3_600_000;
-        assert_eq!(found[1].growth(activity.end_ms, back_ms).end_ms, 1_012_000);
     }
 
     #[test]

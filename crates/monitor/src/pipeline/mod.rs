@@ -24,6 +24,7 @@ pub mod surroundings;
 mod tests;
 pub mod windows;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -217,6 +218,8 @@ pub struct Pipeline {
     n_people_other_s: Option<f64>,
     health_at_s: f64,
     stamp: Stamp,
+    /// Rows that were announced and may still grow, with the times of day at which they begin.
+    open_rows: BTreeMap<u64, i64>,
 }
 
 impl Pipeline {
@@ -265,6 +268,7 @@ impl Pipeline {
                 utc_ms: 0,
                 t_s: 0.0,
             },
+            open_rows: BTreeMap::new(),
             stream,
         })
     }
@@ -277,6 +281,7 @@ impl Pipeline {
         may_describe: bool,
     ) -> Vec<Output> {
         let number = u64::from(frame.frame);
+        let before = self.clock.clone();
         let tick = match arrival {
             Arrival::At(now_ms) => self.clock.frame(number, now_ms),
             Arrival::Replayed(start_ms) => self.clock.replayed(number, start_ms),
@@ -285,7 +290,7 @@ impl Pipeline {
             utc_ms: tick.utc_ms,
             t_s: tick.t_s,
         };
-        let mut out = self.gaps(&tick);
+        let mut out = self.gaps(&tick, &before);
         let mut frame = PointFrame {
             time_s: tick.t_s,
             ..frame
@@ -358,7 +363,7 @@ impl Pipeline {
     pub fn source_lost(&mut self, now_ms: i64, reason: &str) -> Vec<Output> {
         self.stamp.utc_ms = self.stamp.utc_ms.max(now_ms);
         self.source = SourceState::Lost;
-        let mut out = self.end_windows();
+        let mut out = self.end_windows(&self.clock.clone());
         let update = self.watch.reset_presence();
         self.presence_changed(&update, &mut out);
         let data = serde_json::json!({ "reason": reason });
@@ -379,7 +384,7 @@ impl Pipeline {
         if self.windows.is_partly_new() {
             self.describe_people(true, &mut out);
         }
-        out.extend(self.end_windows());
+        out.extend(self.end_windows(&self.clock.clone()));
         out.push(self.health());
         out
     }
@@ -435,23 +440,24 @@ impl Pipeline {
         out
     }
 
-    fn gaps(&mut self, tick: &Tick) -> Vec<Output> {
+    /// What ends before a frame, by the clock of the frames before it.
+    fn gaps(&mut self, tick: &Tick, before: &StreamClock) -> Vec<Output> {
         let mut out = Vec::new();
         if let Some(step_ms) = tick.step_ms {
             let data = serde_json::json!({ "step_ms": step_ms });
             out.push(self.event(EventKind::ClockStep, None, Some(data)));
         }
         if tick.is_after_gap {
-            out.extend(self.end_windows());
+            out.extend(self.end_windows(before));
         }
         out
     }
 
-    fn end_windows(&mut self) -> Vec<Output> {
+    fn end_windows(&mut self, clock: &StreamClock) -> Vec<Output> {
         self.windows.clear();
         self.is_untracked_present = false;
         let rows = self.activities.end_all();
-        self.rows(&rows)
+        self.rows_by(&rows, clock)
     }
 
     fn describe_people(&mut self, may_describe: bool, out: &mut Vec<Output>) {
@@ -607,12 +613,27 @@ impl Pipeline {
         }
     }
 
-    fn rows(&self, rows: &[Row]) -> Vec<Output> {
-        let utc_ms = |t_s: f64| self.clock.utc_ms(t_s).unwrap_or(self.stamp.utc_ms);
-        let rows = rows.iter().map(|row| Output::Row {
-            stamp: self.stamp,
-            row: row.row,
-            activity: row.activity(utc_ms),
+    fn rows(&mut self, rows: &[Row]) -> Vec<Output> {
+        self.rows_by(rows, &self.clock.clone())
+    }
+
+    /// Rows with the times of day of a clock. One that was announced before keeps its beginning, also if the time of day was
+    /// moved meanwhile.
+    fn rows_by(&mut self, rows: &[Row], clock: &StreamClock) -> Vec<Output> {
+        let now_ms = self.stamp.utc_ms;
+        let rows = rows.iter().map(|row| {
+            let mut activity = row.activity(|t_s| clock.utc_ms(t_s).unwrap_or(now_ms));
+            let open = &mut self.open_rows;
+            activity.start_ms = *open.entry(row.row).or_insert(activity.start_ms);
+            activity.end_ms = activity.end_ms.max(activity.start_ms);
+            if !row.is_open {
+                open.remove(&row.row);
+            }
+            Output::Row {
+                stamp: self.stamp,
+                row: row.row,
+                activity,
+            }
         });
         rows.collect()
     }

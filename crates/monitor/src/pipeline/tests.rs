@@ -303,6 +303,28 @@ fn clocks_that_jump_and_computers_that_sleep_are_told_and_lose_nothing() {
             rows.iter().all(|r| r.2 >= r.1 && r.2 - r.1 < 40.0),
             "{rows:?}"
         );
+        // What was done before the clock jumped has the times of then.
+        let is_before = |r: &&(String, f64, f64)| (0.0..=15.0).contains(&r.1) && r.2 <= 17.0;
+        assert!(rows.iter().any(|r| is_before(&r)), "{rows:?}");
+        let from_s = jump_ms as f64 / 1e3 + 12.0;
+        let is_after = |r: &&(String, f64, f64)| r.1 >= from_s && r.2 <= from_s + 100.0;
+        assert!(
+            rows.iter().all(|r| is_before(&r) || is_after(&r)),
+            "{rows:?}"
+        );
+    }
+    // Also where the row goes on; each keeps the beginning with which it was announced first.
+    for jump_ms in [1_500, -1_500, 3_600_000, -3_600_000] {
+        let at = |n: u32| START_MS + i64::from(n) * 100 + if n < 150 { 0 } else { jump_ms };
+        let run = run(0..1_000, |n| Arrival::At(at(n)));
+        let mut starts = std::collections::BTreeMap::new();
+        for output in &run.outputs {
+            if let Output::Row { row, activity, .. } = output {
+                let start_ms = *starts.entry(*row).or_insert(activity.start_ms);
+                assert_eq!(activity.start_ms, start_ms, "row {row}");
+            }
+        }
+        assert!(starts.len() >= 3, "{starts:?}");
     }
 }
 
