@@ -99,6 +99,19 @@ impl Captions {
     }
 }
 
+/// What is known of a stream before its first frame.
+pub(crate) fn without_frames(stream: &StreamInfo) -> Clip {
+    Clip {
+        frames: Vec::new(),
+        frame_rate_hz: 1.0 / stream.frame_period_s,
+        radar_height_m: stream.radar_height_m as f32,
+        is_height_assumed: stream.is_height_assumed,
+        radar: stream.radar.clone(),
+        provenance: stream.provenance.clone(),
+        clutter: stream.clutter,
+    }
+}
+
 /// Says of somebody who fell and has not risen that the person lies, where the height of the track alone would have it that
 /// the person sits: how low a board tracks who lies depends on the board.
 fn lie_down(description: &mut Description) {
@@ -128,16 +141,7 @@ fn stated(description: &Description) -> Vec<String> {
 
 impl Describe for Captions {
     fn measures_falls(&self, stream: &StreamInfo) -> bool {
-        let clip = Clip {
-            frames: Vec::new(),
-            frame_rate_hz: 1.0 / stream.frame_period_s,
-            radar_height_m: stream.radar_height_m as f32,
-            is_height_assumed: stream.is_height_assumed,
-            radar: stream.radar.clone(),
-            provenance: stream.provenance.clone(),
-            clutter: stream.clutter,
-        };
-        self.captioner.measures(&clip)
+        self.captioner.measures(&without_frames(stream))
     }
 
     fn describe(&mut self, clip: &Clip, context: WindowContext) -> Described {

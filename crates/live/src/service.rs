@@ -20,7 +20,7 @@ use radarllm_monitor::queue::{FrameQueue, Item, WhenFull};
 use radarllm_monitor::rows::Origin;
 
 use crate::bus::{Bus, Reader};
-use crate::captions::{Captions, actions};
+use crate::captions::{Captions, actions, without_frames};
 use crate::http::{self, Server, Sources};
 use crate::input::Input;
 use crate::local_time::{self, now_ms};
@@ -111,6 +111,7 @@ impl Live {
                 "the stride of {stride_s} s is longer than the window of {window_s} s, so that nobody would be described in between"
             )));
         }
+        captioner.check_site(&without_frames(&stream))?;
         let about = about(&input, captioner.name(), &options);
         let actions = actions(&captioner);
         let (metrics, bus) = (Arc::<Metrics>::default(), Arc::new(Bus::new(about)));

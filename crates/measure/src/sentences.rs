@@ -23,6 +23,7 @@ const MIN_PATH_M: f32 = 0.7;
 ///     probability: 0.9,
 ///     places_m: [[0.3, 2.1], [0.3, 2.1]],
 ///     between_m: [2.1, 2.1],
+///     turns: 0,
 /// };
 /// assert_eq!(sentence(&state), "a person sits 2.1 m away");
 /// ```
@@ -34,7 +35,7 @@ pub fn sentence(state: &State) -> String {
     // How much farther the person went than from the first place to the last one.
     let more_m = farthest_m - nearest_m - (to_m - from_m).abs();
     let verb = match state.activity {
-        Activity::Walks if more_m >= MIN_PATH_M => {
+        Activity::Walks if more_m >= MIN_PATH_M || state.turns >= 2 => {
             return format!("a person walks to and fro, {nearest_m:.1} to {farthest_m:.1} m away");
         }
         Activity::Walks if path_m < MIN_PATH_M => {
@@ -75,6 +76,7 @@ mod tests {
             probability: 0.9,
             places_m,
             between_m: [0.0; 2],
+            turns: 0,
         };
         let [from_m, to_m] = state.distances_m();
         state.between_m = [from_m.min(to_m), from_m.max(to_m)];
@@ -142,5 +144,12 @@ mod tests {
         let text = sentence(&state);
         assert_eq!(text, "a person walks to and fro, 0.9 to 3.6 m away");
         assert_eq!(actions(&text), ["pace"]);
+        // Away, back, and away again.
+        state.between_m = [1.4, 2.6];
+        state.turns = 2;
+        assert_eq!(
+            sentence(&state),
+            "a person walks to and fro, 1.4 to 2.6 m away"
+        );
     }
 }

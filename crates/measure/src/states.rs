@@ -20,6 +20,8 @@ const MIN_EXTENT_BY_POINTS_M: f32 = 1.0;
 /// who stays: who sits down or turns on a chair moves the track by up to half a metre.
 const MAX_SHIFT_S: f64 = 4.0;
 const MIN_EXTENT_M: f32 = 0.6;
+/// Way back after which somebody has turned, m.
+const TURN_M: f32 = 1.0;
 /// Somebody who stays is at another place, and has a state of their own there, if the middles of the places of this time
 /// before and after, s, are farther apart than this, m.
 const PLACE_S: f64 = 5.0;
@@ -97,6 +99,9 @@ pub struct State {
     pub places_m: [[f32; 2]; 2],
     /// Least and greatest distance from the radar of the places of a second each, m.
     pub between_m: [f32; 2],
+    /// How often the person turned back: distances from the radar that rise and then fall by a metre or more, or the other
+    /// way round.
+    pub turns: usize,
 }
 
 impl State {
@@ -211,6 +216,7 @@ pub fn states_of(
                 probability,
                 places_m: second.places_m,
                 between_m: [0.0; 2],
+                turns: 0,
             }),
         }
     }
@@ -259,14 +265,41 @@ pub fn states_of(
         .collect();
     for state in &mut states {
         let [from_m, to_m] = state.distances_m();
-        let distances_m = places_of_seconds(person, state)
+        let distances_m: Vec<f32> = places_of_seconds(person, state)
             .into_iter()
-            .map(|[x_m, y_m]| x_m.hypot(y_m));
-        state.between_m = distances_m.fold([from_m.min(to_m), from_m.max(to_m)], |between, m| {
-            [between[0].min(m), between[1].max(m)]
+            .map(|[x_m, y_m]| x_m.hypot(y_m))
+            .collect();
+        let ends_m = [from_m.min(to_m), from_m.max(to_m)];
+        state.between_m = distances_m.iter().fold(ends_m, |between, m| {
+            [between[0].min(*m), between[1].max(*m)]
         });
+        state.turns = turns(&distances_m);
     }
     states
+}
+
+/// How often distances turn back by [`TURN_M`] or more.
+fn turns(distances_m: &[f32]) -> usize {
+    let Some(first_m) = distances_m.first() else {
+        return 0;
+    };
+    let mut n = 0;
+    let [mut nearest_m, mut farthest_m] = [*first_m; 2];
+    // Whether the last way of such a length led away; none did at the beginning.
+    let mut is_away: Option<bool> = None;
+    for m in distances_m {
+        [nearest_m, farthest_m] = [nearest_m.min(*m), farthest_m.max(*m)];
+        let goes_away = match (m - nearest_m >= TURN_M, farthest_m - m >= TURN_M) {
+            (true, _) if is_away != Some(true) => true,
+            (_, true) if is_away != Some(false) => false,
+            _ => continue,
+        };
+        n += usize::from(is_away.is_some());
+        is_away = Some(goes_away);
+        // The next way back is measured from here on.
+        [nearest_m, farthest_m] = [*m; 2];
+    }
+    n
 }
 
 fn sure_of_posture(site: &Site) -> f32 {
@@ -720,6 +753,17 @@ mod tests {
             panic!("{found:?}")
         };
         assert!(a == b && (5..=7).contains(&a), "{found:?}");
+    }
+
+    #[test]
+    fn whoever_goes_back_by_a_metre_has_turned() {
+        let to_and_fro = [1.5, 3.0, 4.9, 3.2, 1.5, 2.7, 4.9];
+        assert_eq!(turns(&to_and_fro), 2);
+        assert_eq!(turns(&to_and_fro[..3]), 0);
+        // Half a metre back is none.
+        assert_eq!(turns(&[1.5, 3.0, 2.5, 4.0, 3.5, 5.0]), 0);
+        assert_eq!(turns(&[5.0, 4.5, 3.9, 4.2, 4.95]), 1);
+        assert_eq!(turns(&[]), 0);
     }
 
     #[test]

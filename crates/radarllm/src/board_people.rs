@@ -1,6 +1,6 @@
 //! The people whom a board tracks, each with a clip of their own.
 
-use radarllm_base::{BoardReport, Clip, PointFrame};
+use radarllm_base::{BoardReport, BoardTrack, Clip, PointFrame};
 use radarllm_measure::{
     TrackedPerson,
     people::{MIN_TRACKED_S, tracked_people},
@@ -47,9 +47,14 @@ fn person_of(clip: &Clip, id: u32, person: &TrackedPerson) -> Person {
             time_s: frame.time_s,
             points: points.copied().collect(),
             board: frame.board.as_ref().map(|report| BoardReport {
+                // A track that is lost and found at once under another number is one person's.
                 tracks: (report.tracks.iter())
-                    .filter(|t| t.id == person.track && t.place_m == place_m)
-                    .copied()
+                    .find(|t| t.place_m == place_m)
+                    .map(|t| BoardTrack {
+                        id: person.track,
+                        ..*t
+                    })
+                    .into_iter()
                     .collect(),
                 is_present: report.is_present,
             }),
@@ -67,9 +72,48 @@ fn person_of(clip: &Clip, id: u32, person: &TrackedPerson) -> Person {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{BoardTrack, Clutter, RadarPoint};
+    use radarllm_base::{Clutter, RadarPoint};
 
     use super::*;
+
+    #[test]
+    fn a_person_keeps_the_track_under_other_numbers() {
+        // Another number every two seconds.
+        let frame = |i: u32| PointFrame {
+            frame: i,
+            time_s: f64::from(i) / 10.0,
+            points: Vec::new(),
+            board: Some(BoardReport {
+                tracks: vec![BoardTrack {
+                    id: i / 20,
+                    place_m: [0.5, 2.0 + 0.01 * i as f32],
+                    height_m: Some(0.2),
+                    velocity_mps: [0.0; 3],
+                }],
+                is_present: None,
+            }),
+        };
+        let clip = Clip {
+            frames: (0..100).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.5,
+            is_height_assumed: false,
+            radar: "board".into(),
+            provenance: "recorded:uart:x".parse().unwrap(),
+            clutter: Clutter::Settled,
+        };
+        let people = board_people(&clip, &PeopleOptions::default()).unwrap();
+        let [person] = &people[..] else {
+            panic!("{} people", people.len())
+        };
+        let reports: Vec<&BoardReport> = person.clip.frames.iter().flat_map(|f| &f.board).collect();
+        assert_eq!(reports.len(), 100);
+        assert!(
+            reports
+                .iter()
+                .all(|b| matches!(b.tracks[..], [t] if t.id == 0))
+        );
+    }
 
     #[test]
     fn each_person_has_their_own_track_and_points() {

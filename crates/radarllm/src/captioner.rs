@@ -234,6 +234,18 @@ impl Captioner {
         Ok(long)
     }
 
+    /// Whether the site belongs to the radar of a clip, whose frames do not matter.
+    ///
+    /// # Errors
+    /// A site of another radar, or of one that was mounted elsewhere.
+    pub fn check_site(&self, clip: &Clip) -> Result<()> {
+        let is_used = self.measures && !self.knows_board(clip);
+        match self.site.as_ref().filter(|_| is_used) {
+            Some(site) => fits(site, clip),
+            None => Ok(()),
+        }
+    }
+
     /// What is found in a clip. Without a site, it is learned from the clip where somebody walks in it.
     fn findings(
         &self,
@@ -244,9 +256,7 @@ impl Captioner {
     ) -> Result<Findings> {
         let confidence = self.model.confidence();
         let is_learned = self.knows_board(clip);
-        if let Some(site) = self.site.as_ref().filter(|_| self.measures && !is_learned) {
-            fits(site, clip)?;
-        }
+        self.check_site(clip)?;
         let mut findings = Findings::default();
         // What is measured holds for every board; the actions of the model hold for those that it learned.
         let measures = self.measures(clip);

@@ -210,6 +210,7 @@ fn join_states(all: &mut Vec<State>, next: Vec<State>) {
                 last.probability += weight * (state.probability - last.probability);
                 last.end_s = state.end_s;
                 last.places_m[1] = state.places_m[1];
+                last.turns += state.turns;
                 let [nearest_m, farthest_m] = state.between_m;
                 last.between_m = [
                     last.between_m[0].min(nearest_m),

@@ -483,6 +483,7 @@ mod tests {
             probability: 0.9,
             places_m: [[0.0, 2.0]; 2],
             between_m: [2.0; 2],
+            turns: 0,
         }
     }
 

@@ -463,6 +463,7 @@ mod tests {
             probability: 0.8,
             places_m: [[0.0, 2.0]; 2],
             between_m: [2.0; 2],
+            turns: 0,
         };
         let is_walk = |at_m: &dyn Fn(f32) -> f32, velocity_mps: f32, fastest_mps: f32| {
             let frames = frames(at_m, velocity_mps, fastest_mps);
@@ -522,6 +523,7 @@ mod tests {
                 probability: 0.8,
                 places_m: [[0.0, 2.0], [0.0, 2.0 + way_m]],
                 between_m: [2.0, 2.0 + way_m],
+                turns: 0,
             };
             sinks(&frames, &person, &walk)
         };

@@ -37,11 +37,25 @@ pub(crate) fn taught_segments(clip: &Clip, recogniser: &Recogniser) -> Vec<Segme
 
 /// [`insert_taught`] of what was recognised.
 pub(crate) fn insert_taught_segments(description: &mut Description, mut parts: Vec<Segment>) {
-    // The model reads windows.
+    // The model reads windows. Where there are none, what is done is measured, and nothing is done where nobody is.
     if description.windows == 0 {
-        parts.retain(|part| !contradicts(part, &description.segments));
+        parts.retain(|part| {
+            is_somebody_there(part, &description.segments)
+                && !contradicts(part, &description.segments)
+        });
     }
     insert(description, parts);
+}
+
+/// Whether somebody is stated for at least half of the time of a taught activity.
+fn is_somebody_there(part: &Segment, stated: &[Segment]) -> bool {
+    2.0 * shared_s(part, stated.iter()) >= part.end_s - part.start_s
+}
+
+/// The time that segments share with another one, s.
+fn shared_s<'a>(part: &Segment, others: impl Iterator<Item = &'a Segment>) -> f64 {
+    let overlap_s = |s: &Segment| (s.end_s.min(part.end_s) - s.start_s.max(part.start_s)).max(0.0);
+    others.map(overlap_s).sum()
 }
 
 /// Whether measured actions other than that of a taught activity take at least half of its time.
@@ -59,8 +73,7 @@ fn contradicts(part: &Segment, measured: &[Segment]) -> bool {
     let others = measured
         .iter()
         .filter(|s| of(s).is_some_and(|a| a != action));
-    let overlap_s = |s: &Segment| (s.end_s.min(part.end_s) - s.start_s.max(part.start_s)).max(0.0);
-    others.map(overlap_s).sum::<f64>() >= 0.5 * (part.end_s - part.start_s)
+    shared_s(part, others) >= 0.5 * (part.end_s - part.start_s)
 }
 
 /// Puts segments in the place of what the description says about their times.
@@ -131,6 +144,30 @@ mod tests {
             let part = of(actions, start_s, end_s);
             assert_eq!(contradicts(&part, &measured), expected, "{part:?}");
         }
+    }
+
+    #[test]
+    fn nothing_is_done_where_nobody_is() {
+        let taught = |start_s, end_s| Segment {
+            caption: "a person reads a book".into(),
+            actions: Vec::new(),
+            taught: Some("reading".into()),
+            ..segment(start_s, end_s)
+        };
+        let there = Segment {
+            caption: "a person is there".into(),
+            actions: Vec::new(),
+            ..segment(10.0, 20.0)
+        };
+        let mut description = Description::default();
+        description.set_segments(vec![there]);
+        insert_taught_segments(&mut description, vec![taught(0.0, 8.0), taught(12.0, 18.0)]);
+        let taught = description.segments.iter().filter(|s| s.taught.is_some());
+        assert_eq!(taught.map(|s| s.start_s).collect::<Vec<_>>(), [12.0]);
+        // An empty room.
+        let mut nobody = Description::default();
+        insert_taught_segments(&mut nobody, vec![self::segment(0.0, 8.0)]);
+        assert!(nobody.segments.is_empty());
     }
 
     #[test]

@@ -120,7 +120,8 @@ pub fn read_track_table(text: &str) -> Result<TrackTable, RecordingError> {
     }
     let columns = Columns::find(&names);
     let mut table = TrackTable::default();
-    let (mut n_tracks_dropped, mut n_points_dropped, mut n_runs) = (0, 0, 1);
+    let (mut n_tracks_dropped, mut n_heights_dropped) = (0, 0);
+    let (mut n_points_dropped, mut n_runs) = (0, 1);
     let mut run: Option<Vec<&str>> = None;
     // What is added to the numbers of a recording so that they follow those of the one before.
     let mut shift = 0;
@@ -184,6 +185,13 @@ pub fn read_track_table(text: &str) -> Result<TrackTable, RecordingError> {
             position[axis] = value(columns.position[axis])?.unwrap_or(0.0);
             velocity[axis] = value(columns.velocity[axis])?.unwrap_or(0.0);
         }
+        // Where there is no height, the place holds. What is impossible shows that the row is damaged.
+        let has_height = cell(columns.position[2]).is_some();
+        let is_height = has_height && !position[2].is_nan();
+        if !is_height {
+            n_heights_dropped += u64::from(has_height);
+            position[2] = 0.0;
+        }
         let within = |values: &[f64; 3], limit: f64| values.iter().all(|v| v.abs() <= limit);
         let id = value(columns.track)?.filter(|n| *n >= 0.0 && *n < f64::from(u32::MAX));
         let has_track = id.is_some() && cell(columns.position[1]).is_some();
@@ -196,7 +204,7 @@ pub fn read_track_table(text: &str) -> Result<TrackTable, RecordingError> {
                 Some(BoardTrack {
                     id: id as u32,
                     place_m: [position[0] as f32, position[1] as f32],
-                    height_m: Some(position[2] as f32),
+                    height_m: is_height.then_some(position[2] as f32),
                     velocity_mps: velocity.map(|v| v as f32),
                 })
             }
@@ -244,6 +252,11 @@ pub fn read_track_table(text: &str) -> Result<TrackTable, RecordingError> {
     if n_runs > 1 {
         table.notes.push(format!(
             "{n_runs} recordings follow each other in the table: they are {RUN_GAP_FRAMES} frames apart here"
+        ));
+    }
+    if n_heights_dropped > 0 {
+        table.notes.push(format!(
+            "{n_heights_dropped} heights of tracks are no numbers and were left out"
         ));
     }
     if n_tracks_dropped + n_points_dropped > 0 {
@@ -358,6 +371,20 @@ mod tests {
         assert_eq!(table.frames[0].points.len(), 1);
         assert!(
             table.notes[1].starts_with("1 tracks and 2 points"),
+            "{:?}",
+            table.notes
+        );
+        // A height that is none leaves the place.
+        let table = read_track_table("tid,posy,posz\n0,2,NaN\n0,2,\n0,2,0.4\n").unwrap();
+        let tracks = table
+            .frames
+            .iter()
+            .flat_map(|f| &f.board)
+            .flat_map(|b| &b.tracks);
+        let found: Vec<(f32, Option<f32>)> = tracks.map(|t| (t.place_m[1], t.height_m)).collect();
+        assert_eq!(found, [(2.0, None), (2.0, None), (2.0, Some(0.4))]);
+        assert!(
+            table.notes.iter().any(|n| n.starts_with("1 heights")),
             "{:?}",
             table.notes
         );

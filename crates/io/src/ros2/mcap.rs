@@ -194,10 +194,49 @@ pub(super) fn seconds(time_ns: u64) -> f64 {
 }
 
 fn parse(at: Place, opcode: u8, data: &[u8]) -> std::result::Result<Record<'_>, RecordingError> {
+    if !holds_its_texts(opcode, data) {
+        return Err(wrong(
+            at,
+            "texts that end within their record",
+            "a greater length".into(),
+        ));
+    }
     mcap::parse_record(opcode, data).map_err(|e| {
         let text = e.to_string();
         wrong(at, "a whole record", printable(&text))
     })
+}
+
+/// Whether the texts of a record end within it. The parser allocates what their lengths say before it reads them.
+fn holds_its_texts(opcode: u8, data: &[u8]) -> bool {
+    // Bytes before the first text, and the number of texts.
+    let (before, n_texts) = match opcode {
+        op::SCHEMA => (2, 2),
+        op::CHANNEL => (4, 2),
+        op::CHUNK => (28, 1),
+        _ => return true,
+    };
+    let texts = || {
+        let mut rest = data.get(before..)?;
+        for _ in 0..n_texts {
+            (_, rest) = split_counted(rest)?;
+        }
+        if opcode == op::CHANNEL {
+            // Metadata: pairs of texts.
+            let (mut pairs, _) = split_counted(rest)?;
+            while !pairs.is_empty() {
+                (_, pairs) = split_counted(pairs)?;
+            }
+        }
+        Some(())
+    };
+    texts().is_some()
+}
+
+/// As many bytes as a number of four bytes before them says, and what follows; `None` if there are fewer.
+fn split_counted(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk()?;
+    rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
 }
 
 fn wrong(at: Place, expected: &str, found: String) -> RecordingError {
@@ -214,4 +253,64 @@ fn printable(text: &str) -> String {
         .take(100)
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(text: &str) -> Vec<u8> {
+        let length = u32::try_from(text.len()).unwrap();
+        [&length.to_le_bytes()[..], text.as_bytes()].concat()
+    }
+
+    #[test]
+    fn texts_that_are_longer_than_their_record_are_not_read() {
+        let pair = [text("key"), text("value")].concat();
+        let map = [&u32::try_from(pair.len()).unwrap().to_le_bytes()[..], &pair].concat();
+        // Each with the places of the lengths of its texts.
+        let records = [
+            (
+                op::SCHEMA,
+                [vec![1, 0], text("a/B"), text("ros2msg"), text("")].concat(),
+                &[2, 9][..],
+            ),
+            (
+                op::CHANNEL,
+                [vec![1, 0, 1, 0], text("/a"), text("cdr"), map].concat(),
+                &[4, 10, 17, 21, 28],
+            ),
+            (
+                op::CHUNK,
+                [vec![0; 28], text("zstd"), vec![0; 8]].concat(),
+                &[28],
+            ),
+        ];
+        for (opcode, record, places) in records {
+            assert!(holds_its_texts(opcode, &record));
+            assert!(mcap::parse_record(opcode, &record).is_ok());
+            // Every text, in turn, longer than the record by one byte.
+            for &at in places {
+                let left = u32::try_from(record.len() - at - 4).unwrap();
+                let mut damaged = record.clone();
+                damaged[at..at + 4].copy_from_slice(&(left + 1).to_le_bytes());
+                assert!(
+                    !holds_its_texts(opcode, &damaged),
+                    "record {opcode}, byte {at}"
+                );
+            }
+            // What follows the texts is read in place: the definition of a schema, the records of a chunk.
+            let after_texts = match opcode {
+                op::SCHEMA => 4,
+                op::CHUNK => 8,
+                _ => 0,
+            };
+            for length in 0..record.len() - after_texts {
+                assert!(
+                    !holds_its_texts(opcode, &record[..length]),
+                    "{opcode}, {length}"
+                );
+            }
+        }
+    }
 }
