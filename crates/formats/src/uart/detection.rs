@@ -194,6 +194,13 @@ impl UartParser {
     ) -> usize {
         self.skip(span.start - taken);
         self.searched = 0;
+        let n_own = span.end - span.start;
+        if span.is_followed && n_own < dialect.header_len() {
+            // Its header ends in the next packet, of which not all may be there yet.
+            self.report.bad_headers += 1;
+            self.skip(n_own);
+            return span.end;
+        }
         let n_frames = frames.len();
         let Some(n_bytes) = self.take_packet(dialect, &buffer[span.start..], end, frames) else {
             // Bytes are missing at the end of the stream.

@@ -77,7 +77,7 @@ impl TrialRow {
         })
     }
 
-    /// The share of the time after a fall, from [`LATEST_S`] after the impact on, in which `describe` states that the person
+    /// The share of the time after a fall, from 3 s after the impact on, in which `describe` states that the person
     /// lies.
     pub fn lying_share(&self) -> Option<f64> {
         let from_s = self.truth?.impact_s + LATEST_S;
