@@ -73,7 +73,7 @@ pub struct Tally {
     pub first_ms: Option<i64>,
     /// Beginning of the last one.
     pub last_ms: Option<i64>,
-    /// Duration of all together, ms. Two people at once count twice.
+    /// Duration of all together, ms. Two people at once count twice, and two activities of one person at once do not.
     pub total_ms: i64,
     /// Duration of the longest, ms.
     pub longest_ms: i64,
@@ -244,16 +244,22 @@ impl Timeline {
             return Ok(Tally::default());
         };
         let sql = format!(
-            "SELECT count(*), min(a.start_ms), max(a.start_ms), sum(d), max(d), max(synthetic) FROM (
-                SELECT a.start_ms AS start_ms, o.synthetic AS synthetic,
-                       max(0, min(a.end_ms, ?) - max(a.start_ms, ?)) AS d
-                FROM activity a JOIN origin o ON o.id = a.origin {}
-            ) a",
+            // What is done for a part of a time in which the same person does another thing of the query counts once.
+            "SELECT count(*), min(start_ms), max(start_ms), sum(max(0, e - max(b, coalesce(before, b)))),
+                    max(max(0, e - b)), max(synthetic) FROM (
+                SELECT start_ms, synthetic, b, e, max(e) OVER (
+                    PARTITION BY origin, person ORDER BY b, e ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING
+                ) AS before FROM (
+                    SELECT a.start_ms AS start_ms, a.origin AS origin, a.person AS person, o.synthetic AS synthetic,
+                           max(a.start_ms, ?) AS b, min(a.end_ms, ?) AS e
+                    FROM activity a JOIN origin o ON o.id = a.origin {}
+                )
+            )",
             filter.sql()
         );
         let ends = [
-            rusqlite::types::Value::from(query.to_ms.unwrap_or(i64::MAX)),
-            query.from_ms.unwrap_or(0).into(),
+            rusqlite::types::Value::from(query.from_ms.unwrap_or(0)),
+            query.to_ms.unwrap_or(i64::MAX).into(),
         ];
         let tally = |row: &Row<'_>| {
             Ok(Tally {

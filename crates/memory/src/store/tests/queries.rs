@@ -94,6 +94,34 @@ fn queries_select_by_time_person_action_and_words() {
 }
 
 #[test]
+fn two_activities_of_one_person_at_once_last_as_long_as_one() {
+    let (_dir, mut store) = new_store();
+    let at = |seconds: i64| NOW_MS + 1_000 * seconds;
+    let walks = |from_s: i64, to_s: i64| activity(at(from_s), at(to_s), "walk", "a person walks");
+    let paces = |from_s: i64, to_s: i64| activity(at(from_s), at(to_s), "pace", "a person paces");
+    let other = |one: Activity| Activity {
+        person: one.person + 1,
+        ..one
+    };
+    // Within each other, across each other, apart; and of another person at the same time.
+    let rows = [
+        paces(0, 20),
+        walks(5, 10),
+        walks(12, 30),
+        walks(40, 50),
+        other(walks(0, 20)),
+    ];
+    add(&mut store, &rows);
+    let query = ActivityQuery {
+        actions: vec!["walk".into(), "pace".into()],
+        ..ActivityQuery::default()
+    };
+    let tally = store.timeline().tally(&query).unwrap();
+    assert_eq!((tally.count, tally.total_ms), (5, 30_000 + 10_000 + 20_000));
+    assert_eq!(tally.longest_ms, 20_000);
+}
+
+#[test]
 fn a_range_is_told_as_lanes() {
     use crate::store::lanes::{ActionStretch, FallAt, Stretch};
 
