@@ -203,6 +203,10 @@ pub(crate) fn confirmed(
     const MIN_POINTS: usize = 10;
     /// Part of the doubt that points which are down leave: of the falls of the IWRL6432 that are stated, all are falls.
     const DOUBT: f32 = 0.3;
+    let is_flat = person.samples.iter().all(|s| s.height_m.is_none());
+    if is_flat && is_as_high_afterwards(frames, &fall) {
+        return None;
+    }
     let [from_s, to_s] = AFTER_S.map(|s| fall.t_s + s);
     let heights_m: Vec<f32> = points_between(frames, from_s, to_s)
         .filter_map(|point| {
@@ -213,8 +217,7 @@ pub(crate) fn confirmed(
         .collect();
     if heights_m.len() < MIN_POINTS {
         // Where nothing else has a height, the few points were the only witness.
-        let has_heights = person.samples.iter().any(|s| s.height_m.is_some());
-        return (has_heights || !site.is_height_assumed).then_some(fall);
+        return (!is_flat || !site.is_height_assumed).then_some(fall);
     }
     let middle_m = quantile_nearest(heights_m, 0.5)?;
     // Points that are there, but were too few before, confirm nothing.
@@ -224,6 +227,33 @@ pub(crate) fn confirmed(
         probability: 1.0 - DOUBT * (1.0 - fall.probability),
         ..fall
     })
+}
+
+/// Whether the points near a fall are as high some seconds after it as before it: for a moment they may be those of the legs of
+/// somebody who stands.
+fn is_as_high_afterwards(frames: &[PointFrame], fall: &Fall) -> bool {
+    /// Times before and after the fall, s, and the share of them in which points have to be seen.
+    const BEFORE_S: [f64; 2] = [-4.0, -1.0];
+    const LATER_S: [f64; 2] = [1.5, 4.5];
+    const SEEN: f64 = 0.7;
+    /// Change of the height below which it is that of before, m, and the distance of the points from the fall.
+    const SAME_M: f32 = 0.25;
+    const NEAR_M: f32 = 1.2;
+    let middle_m = |[from_s, to_s]: [f64; 2]| {
+        let near = frames_between(frames, fall.t_s + from_s, fall.t_s + to_s)
+            .iter()
+            .flat_map(|f| f.points.iter().map(|p| (f.time_s, p)))
+            .filter(|(_, p)| {
+                let apart_m = (p.x_m - fall.place_m[0]).hypot(p.y_m - fall.place_m[1]);
+                !p.is_leakage() && apart_m <= NEAR_M
+            });
+        let near: Vec<(f64, f32)> = near.map(|(t_s, p)| (t_s, p.z_m)).collect();
+        let seen_s = near.last()?.0 - near.first()?.0;
+        (seen_s >= SEEN * (to_s - from_s))
+            .then(|| quantile_nearest(near.iter().map(|(_, z_m)| *z_m), 0.5))?
+    };
+    let heights_m = middle_m(BEFORE_S).zip(middle_m(LATER_S));
+    heights_m.is_some_and(|(before_m, after_m)| before_m - after_m < SAME_M)
 }
 
 /// Height above the radar, m, of a standing person as the points of the last seconds before a fall show it; `None` if they
@@ -497,6 +527,40 @@ mod tests {
         // Somebody who reaches for the board.
         let near = down(0.1, -1.2, 0.8);
         assert_eq!(found(|t| near(t).map(|[_, z_m, up]| [0.4, z_m, up])), []);
+    }
+
+    /// The points of somebody who stands are those of the legs for a second and a half.
+    #[test]
+    fn points_that_are_as_high_afterwards_show_no_fall() {
+        let frames = |down_s: f64| -> Vec<PointFrame> {
+            let frame = |i: u32| {
+                let time_s = f64::from(i) / 10.0;
+                let is_down = (8.0..8.0 + down_s).contains(&time_s);
+                let z_m = if is_down { -1.0 } else { 0.1 };
+                let point = RadarPoint {
+                    y_m: 2.0,
+                    z_m,
+                    range_m: 2.0,
+                    ..RadarPoint::default()
+                };
+                PointFrame {
+                    frame: i,
+                    time_s,
+                    points: vec![point; 5],
+                    ..PointFrame::default()
+                }
+            };
+            (0..200).map(frame).collect()
+        };
+        let fall = Fall {
+            t_s: 8.0,
+            place_m: [0.0, 2.0],
+            probability: 0.8,
+        };
+        assert!(is_as_high_afterwards(&frames(1.5), &fall));
+        assert!(!is_as_high_afterwards(&frames(20.0), &fall));
+        // Without points afterwards, nothing is known.
+        assert!(!is_as_high_afterwards(&frames(1.5)[..90], &fall));
     }
 
     #[test]
