@@ -30,6 +30,8 @@ const MIDDLE_BELOW_M: f32 = 0.25;
 /// Nearer than this, m, the board sees a part of a body only, and no fall is stated: the track of somebody who reaches for
 /// the board, or walks past below it, sinks.
 pub const MIN_DISTANCE_M: f32 = 0.7;
+/// Distance from a fall within which the points of who fell are, m.
+pub const NEAR_FALL_M: f32 = 1.2;
 /// Two falls of one person are at least this far apart, s.
 const APART_S: f64 = 3.0;
 
@@ -204,7 +206,8 @@ pub(crate) fn confirmed(
     /// Part of the doubt that points which are down leave: of the falls of the IWRL6432 that are stated, all are falls.
     const DOUBT: f32 = 0.3;
     let is_flat = person.samples.iter().all(|s| s.height_m.is_none());
-    if is_flat && is_as_high_afterwards(frames, &fall) {
+    let heights = |from_s, to_s| heights_of_points(frames, from_s, to_s);
+    if is_flat && is_as_high_afterwards(&fall, &SECONDS_AROUND, heights) {
         return None;
     }
     let [from_s, to_s] = AFTER_S.map(|s| fall.t_s + s);
@@ -229,31 +232,63 @@ pub(crate) fn confirmed(
     })
 }
 
-/// Whether the points near a fall are as high some seconds after it as before it: for a moment they may be those of the legs of
-/// somebody who stands.
-fn is_as_high_afterwards(frames: &[PointFrame], fall: &Fall) -> bool {
-    /// Times before and after the fall, s, and the share of them in which points have to be seen.
-    const BEFORE_S: [f64; 2] = [-4.0, -1.0];
-    const LATER_S: [f64; 2] = [1.5, 4.5];
-    const SEEN: f64 = 0.7;
-    /// Change of the height below which it is that of before, m, and the distance of the points from the fall.
+/// Times before and after a fall, s, and the share of them in which the person has to be seen.
+pub struct Around {
+    before_s: [f64; 2],
+    after_s: [f64; 2],
+    seen: f64,
+}
+
+/// Seconds: the points of somebody who stands are those of the legs for a moment.
+pub const SECONDS_AROUND: Around = Around {
+    before_s: [-4.0, -1.0],
+    after_s: [1.5, 4.5],
+    seen: 0.7,
+};
+/// For as long as a running radar waits before it confirms a fall: who keeps still is seen now and then.
+pub const DWELL_AROUND: Around = Around {
+    before_s: [-20.0, -1.0],
+    after_s: [1.5, 20.0],
+    seen: 0.1,
+};
+
+/// A height, m, that is seen at a time, s, and at a place on the floor, m.
+pub type SeenHeight = (f64, [f32; 2], f32);
+
+/// Whether the heights near a fall are the same after it as before it. `heights` gives those between two times, s, in order of
+/// time.
+pub fn is_as_high_afterwards<I: Iterator<Item = SeenHeight>>(
+    fall: &Fall,
+    around: &Around,
+    heights: impl Fn(f64, f64) -> I,
+) -> bool {
+    /// Change of the height below which it is that of before, m.
     const SAME_M: f32 = 0.25;
-    const NEAR_M: f32 = 1.2;
     let middle_m = |[from_s, to_s]: [f64; 2]| {
-        let near = frames_between(frames, fall.t_s + from_s, fall.t_s + to_s)
-            .iter()
-            .flat_map(|f| f.points.iter().map(|p| (f.time_s, p)))
-            .filter(|(_, p)| {
-                let apart_m = (p.x_m - fall.place_m[0]).hypot(p.y_m - fall.place_m[1]);
-                !p.is_leakage() && apart_m <= NEAR_M
-            });
-        let near: Vec<(f64, f32)> = near.map(|(t_s, p)| (t_s, p.z_m)).collect();
+        let all = heights(fall.t_s + from_s, fall.t_s + to_s);
+        let near = all.filter(|(_, [x_m, y_m], _)| {
+            (x_m - fall.place_m[0]).hypot(y_m - fall.place_m[1]) <= NEAR_FALL_M
+        });
+        let near: Vec<(f64, f32)> = near.map(|(t_s, _, z_m)| (t_s, z_m)).collect();
         let seen_s = near.last()?.0 - near.first()?.0;
-        (seen_s >= SEEN * (to_s - from_s))
+        (seen_s >= around.seen * (to_s - from_s))
             .then(|| quantile_nearest(near.iter().map(|(_, z_m)| *z_m), 0.5))?
     };
-    let heights_m = middle_m(BEFORE_S).zip(middle_m(LATER_S));
+    let heights_m = middle_m(around.before_s).zip(middle_m(around.after_s));
     heights_m.is_some_and(|(before_m, after_m)| before_m - after_m < SAME_M)
+}
+
+/// The heights of the points between two times, s.
+fn heights_of_points(
+    frames: &[PointFrame],
+    from_s: f64,
+    to_s: f64,
+) -> impl Iterator<Item = SeenHeight> {
+    let frames = frames_between(frames, from_s, to_s).iter();
+    frames.flat_map(|frame| {
+        let points = frame.points.iter().filter(|p| !p.is_leakage());
+        points.map(|p| (frame.time_s, [p.x_m, p.y_m], p.z_m))
+    })
 }
 
 /// Height above the radar, m, of a standing person as the points of the last seconds before a fall show it; `None` if they
@@ -511,6 +546,22 @@ mod tests {
         }
     }
 
+    /// A frame of points 2 m away at a height above the radar, m.
+    fn points_at(i: u32, z_m: f32, n: usize) -> PointFrame {
+        let point = RadarPoint {
+            y_m: 2.0,
+            z_m,
+            range_m: 2.0,
+            ..RadarPoint::default()
+        };
+        PointFrame {
+            frame: i,
+            time_s: f64::from(i) / 10.0,
+            points: vec![point; n],
+            ..PointFrame::default()
+        }
+    }
+
     #[test]
     fn a_fall_is_fast_and_ends_low() {
         let falls = found(down(0.1, -1.2, 0.8));
@@ -536,19 +587,7 @@ mod tests {
             let frame = |i: u32| {
                 let time_s = f64::from(i) / 10.0;
                 let is_down = (8.0..8.0 + down_s).contains(&time_s);
-                let z_m = if is_down { -1.0 } else { 0.1 };
-                let point = RadarPoint {
-                    y_m: 2.0,
-                    z_m,
-                    range_m: 2.0,
-                    ..RadarPoint::default()
-                };
-                PointFrame {
-                    frame: i,
-                    time_s,
-                    points: vec![point; 5],
-                    ..PointFrame::default()
-                }
+                points_at(i, if is_down { -1.0 } else { 0.1 }, 5)
             };
             (0..200).map(frame).collect()
         };
@@ -557,10 +596,15 @@ mod tests {
             place_m: [0.0, 2.0],
             probability: 0.8,
         };
-        assert!(is_as_high_afterwards(&frames(1.5), &fall));
-        assert!(!is_as_high_afterwards(&frames(20.0), &fall));
+        let is_as_high = |frames: &[PointFrame]| {
+            is_as_high_afterwards(&fall, &SECONDS_AROUND, |from_s, to_s| {
+                heights_of_points(frames, from_s, to_s)
+            })
+        };
+        assert!(is_as_high(&frames(1.5)));
+        assert!(!is_as_high(&frames(20.0)));
         // Without points afterwards, nothing is known.
-        assert!(!is_as_high_afterwards(&frames(1.5)[..90], &fall));
+        assert!(!is_as_high(&frames(1.5)[..90]));
     }
 
     #[test]
@@ -596,21 +640,7 @@ mod tests {
     fn points_that_stay_up_deny_a_fall_also_where_the_height_of_the_radar_is_assumed() {
         // Tracked in a plane: the points of somebody who walks, of whom a second is seen lower, and of somebody who falls.
         let recording = |after_m: f32| -> Vec<PointFrame> {
-            let frame = |i: u32| {
-                let z_m = if i < 80 { 0.9 } else { after_m };
-                let point = RadarPoint {
-                    y_m: 2.0,
-                    z_m,
-                    range_m: 2.0,
-                    ..RadarPoint::default()
-                };
-                PointFrame {
-                    frame: i,
-                    time_s: f64::from(i) / 10.0,
-                    points: vec![point; 3],
-                    ..PointFrame::default()
-                }
-            };
+            let frame = |i: u32| points_at(i, if i < 80 { 0.9 } else { after_m }, 3);
             (0..120).map(frame).collect()
         };
         let flat = TrackedPerson {

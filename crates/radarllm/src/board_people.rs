@@ -76,6 +76,19 @@ mod tests {
 
     use super::*;
 
+    /// A clip of 10 s.
+    fn clip(frame: impl Fn(u32) -> PointFrame) -> Clip {
+        Clip {
+            frames: (0..100).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.5,
+            is_height_assumed: false,
+            radar: "board".into(),
+            provenance: "recorded:uart:x".parse().unwrap(),
+            clutter: Clutter::Settled,
+        }
+    }
+
     #[test]
     fn a_person_keeps_the_track_under_other_numbers() {
         // Another number every two seconds.
@@ -93,15 +106,7 @@ mod tests {
                 is_present: None,
             }),
         };
-        let clip = Clip {
-            frames: (0..100).map(frame).collect(),
-            frame_rate_hz: 10.0,
-            radar_height_m: 1.5,
-            is_height_assumed: false,
-            radar: "board".into(),
-            provenance: "recorded:uart:x".parse().unwrap(),
-            clutter: Clutter::Settled,
-        };
+        let clip = clip(frame);
         let people = board_people(&clip, &PeopleOptions::default()).unwrap();
         let [person] = &people[..] else {
             panic!("{} people", people.len())
@@ -143,15 +148,7 @@ mod tests {
                 }),
             }
         };
-        let clip = Clip {
-            frames: (0..100).map(frame).collect(),
-            frame_rate_hz: 10.0,
-            radar_height_m: 1.5,
-            is_height_assumed: false,
-            radar: "board".into(),
-            provenance: "recorded:uart:x".parse().unwrap(),
-            clutter: Clutter::Settled,
-        };
+        let clip = clip(frame);
         let people = board_people(&clip, &PeopleOptions::default()).unwrap();
         let found: Vec<(u32, f64, usize)> = people
             .iter()

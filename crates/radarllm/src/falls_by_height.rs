@@ -69,18 +69,21 @@ pub(crate) fn falls_by_height(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use radarllm_base::RadarPoint;
 
     use super::*;
 
-    /// Ten points a frame of a body 3 m away whose highest point is at a height above the floor, m, as a function of the time.
-    fn falls(top_m: impl Fn(f64) -> f32) -> Vec<f64> {
-        const RADAR_M: f32 = 1.2;
+    /// Height of the radar above the floor, m.
+    pub(crate) const RADAR_M: f32 = 1.2;
+
+    /// Frames at 10 Hz with ten points of a body 3 m away whose highest point is at a height above the floor, m, as a function
+    /// of the time; where there is none, nobody is seen.
+    pub(crate) fn body(n_frames: u32, top_m: impl Fn(f64) -> Option<f32>) -> Vec<PointFrame> {
         let frame = |i: u32| {
             let time_s = f64::from(i) / 10.0;
-            let point = |k: u16| {
-                let z_m = top_m(time_s) * f32::from(k) / 9.0 - RADAR_M;
+            let point = |top_m: f32, k: u16| {
+                let z_m = top_m * f32::from(k) / 9.0 - RADAR_M;
                 RadarPoint {
                     x_m: 0.02 * f32::from(k),
                     y_m: 3.0,
@@ -90,14 +93,20 @@ mod tests {
                     intensity_db: 20.0,
                 }
             };
+            let of_body = |top_m| (0..10).map(move |k| point(top_m, k));
             PointFrame {
                 frame: i,
                 time_s,
-                points: (0..10).map(point).collect(),
+                points: top_m(time_s).into_iter().flat_map(of_body).collect(),
                 board: None,
             }
         };
-        let frames: Vec<PointFrame> = (0..120).map(frame).collect();
+        (0..n_frames).map(frame).collect()
+    }
+
+    /// When falls are found in 12 s of a body, s.
+    fn falls(top_m: impl Fn(f64) -> f32) -> Vec<f64> {
+        let frames = body(120, |t_s| Some(top_m(t_s)));
         let site = Site::unlearned("board", RADAR_M);
         let found = falls_by_height(&frames, &site, RADAR_M, TrackOptions::default());
         found.iter().map(|one| one.fall.t_s).collect()

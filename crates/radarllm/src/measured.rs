@@ -1,15 +1,18 @@
 //! Descriptions by what is measured: places, heights and speeds of the board's own tracks.
 
-use radarllm_base::{Clip, PointFrame, stats::quantile_nearest};
+use radarllm_base::{Clip, PointFrame};
 use radarllm_inference::{
     Description, PreparedClip, Segment,
     lm::{Abstained, NO_PERSON},
 };
 use radarllm_measure::{
     Activity, Before, Site, State, TrackedPerson,
-    falls::{Fall, ends_low, falls_of_points, falls_out_of_view},
+    falls::{
+        Around, DWELL_AROUND, Fall, NEAR_FALL_M, SECONDS_AROUND, ends_low, falls_of_points,
+        falls_out_of_view, is_as_high_afterwards,
+    },
     measure,
-    people::{MIN_TRACKED_S, Sample},
+    people::MIN_TRACKED_S,
     sentence,
     states::states_of,
 };
@@ -22,8 +25,6 @@ use crate::{
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
 const FALL_S: f64 = 1.0;
-/// Distance of the person from it, m.
-const NEAR_FALL_M: f32 = 1.2;
 
 /// What is measured of a recording.
 pub(crate) enum Measured {
@@ -107,13 +108,14 @@ fn falls_in_points(
     let mut falls = falls_of_points(frames);
     falls.retain(|fall| {
         let is_low = |height_m| ends_low(frames, fall, site, height_m);
-        !people.iter().any(|p| stays_up(p, fall, &SHORT)) && site.stated_height_m.is_none_or(is_low)
+        !people.iter().any(|p| stays_up(p, fall, &SECONDS_AROUND))
+            && site.stated_height_m.is_none_or(is_low)
     });
     let (Some(height_m), false) = (site.stated_height_m, is_window) else {
         return (fall_segments(frames, falls), Vec::new());
     };
     let mut watched = falls_by_height(frames, site, height_m, track_options(frames));
-    watched.retain(|one| !people.iter().any(|p| stays_up(p, &one.fall, &LONG)));
+    watched.retain(|one| !people.iter().any(|p| stays_up(p, &one.fall, &DWELL_AROUND)));
     // Who is down does not fall.
     let is_down = |t_s: f64| (watched.iter()).any(|one| (one.fall.t_s..one.until_s).contains(&t_s));
     falls.retain(|fall| !is_down(fall.t_s));
@@ -131,7 +133,8 @@ fn lying_after(
     FallByHeight { fall, until_s }: &FallByHeight,
 ) -> Option<Segment> {
     let mut seen_s = fall.t_s;
-    for frame in frames.iter().filter(|f| f.time_s > fall.t_s) {
+    let begins = frames.partition_point(|frame| frame.time_s <= fall.t_s);
+    for frame in &frames[begins..] {
         if frame.time_s >= *until_s || frame.time_s - seen_s > STILL_THERE_S {
             break;
         }
@@ -256,42 +259,12 @@ fn join(times: &mut Vec<[f64; 2]>) {
     });
 }
 
-/// Times before and after a fall, s, and the share of them in which the person has to be seen.
-struct Around {
-    before_s: [f64; 2],
-    after_s: [f64; 2],
-    seen: f64,
-}
-
-/// The middle of the points of somebody who stands is that of the legs for a moment.
-const SHORT: Around = Around {
-    before_s: [-4.0, -1.0],
-    after_s: [1.5, 4.5],
-    seen: 0.7,
-};
-/// Who keeps still is seen now and then. A running radar confirms a fall after 20 s.
-const LONG: Around = Around {
-    before_s: [-20.0, -1.0],
-    after_s: [1.5, 20.0],
-    seen: 0.1,
-};
-
 /// Whether a person is as high after a fall at the same place as before.
 fn stays_up(person: &TrackedPerson, fall: &Fall, around: &Around) -> bool {
-    /// Change of the height below which it is that of before, m.
-    const SAME_M: f32 = 0.25;
-    let height_m = |[from_s, to_s]: [f64; 2]| {
-        let samples = person.between(fall.t_s + from_s, fall.t_s + to_s);
-        let near = samples.iter().filter(|s| {
-            (s.place_m[0] - fall.place_m[0]).hypot(s.place_m[1] - fall.place_m[1]) <= NEAR_FALL_M
-        });
-        let seen: Vec<&Sample> = near.filter(|s| s.height_m.is_some()).collect();
-        let seen_s = seen.last()?.t_s - seen.first()?.t_s;
-        (seen_s >= around.seen * (to_s - from_s))
-            .then(|| quantile_nearest(seen.iter().filter_map(|s| s.height_m), 0.5))?
-    };
-    let heights_m = height_m(around.before_s).zip(height_m(around.after_s));
-    heights_m.is_some_and(|(before_m, after_m)| before_m - after_m < SAME_M)
+    is_as_high_afterwards(fall, around, |from_s, to_s| {
+        let samples = person.between(from_s, to_s).iter();
+        samples.filter_map(|s| Some((s.t_s, s.place_m, s.height_m?)))
+    })
 }
 
 /// In which postures people stay who are tracked by their points, before a board whose site is known.
@@ -341,6 +314,7 @@ mod tests {
     use radarllm_measure::Posture;
 
     use super::*;
+    use crate::falls_by_height::tests::{RADAR_M, body};
 
     /// Most of a body on the spot is slow and goes with the static points; what is left of it moves its middle.
     #[test]
@@ -393,33 +367,10 @@ mod tests {
         assert_eq!([found(true), found(false)], [1, 0]);
     }
 
-    /// The sentences of 40 s of ten points a frame of a body 3 m away whose highest point is at a height above the floor, m,
-    /// as a function of the time; where there is none, nobody is seen.
+    /// The sentences of 40 s of a body: [`body`].
     fn sentences_of(top_m: impl Fn(f64) -> Option<f32>) -> Vec<(String, [f64; 2])> {
-        const RADAR_M: f32 = 1.2;
-        let frame = |i: u32| {
-            let time_s = f64::from(i) / 10.0;
-            let point = |k: u16| {
-                let z_m = top_m(time_s).unwrap_or_default() * f32::from(k) / 9.0 - RADAR_M;
-                RadarPoint {
-                    x_m: 0.02 * f32::from(k),
-                    y_m: 3.0,
-                    z_m,
-                    range_m: 3.0_f32.hypot(z_m),
-                    velocity_mps: 0.3,
-                    intensity_db: 20.0,
-                }
-            };
-            let n = if top_m(time_s).is_some() { 10 } else { 0 };
-            PointFrame {
-                frame: i,
-                time_s,
-                points: (0..n).map(point).collect(),
-                board: None,
-            }
-        };
         let clip = Clip {
-            frames: (0..400).map(frame).collect(),
+            frames: body(400, top_m),
             frame_rate_hz: 10.0,
             radar_height_m: RADAR_M,
             is_height_assumed: false,
