@@ -4,7 +4,8 @@ use radarllm::{
     Captioner, Clip, DescribeOptions, Description, Error, PreparedClip, Segment, SiteLearner,
     is_general, learn_from, measure::Posture,
 };
-use radarllm_monitor::activities::{MeasuredSpan, actions_of};
+use radarllm_monitor::activities::{WindowCaption, actions_of};
+use radarllm_monitor::measured::MeasuredSpan;
 use radarllm_monitor::pipeline::{Describe, Described, StreamInfo, WindowContext};
 
 /// Actions of measured postures.
@@ -63,40 +64,44 @@ impl Captions {
 
 impl Captions {
     /// A sentence with its actions, and those of them that are measured.
-    fn sentence(&self, clip: &Clip, mut description: Description, is_down: bool) -> Described {
-        if is_down && self.captioner.measures(clip) {
-            lie_down(&mut description);
-        }
+    fn sentence(&self, clip: &Clip, description: Description) -> Described {
         let actions = stated(&description);
-        let (mut measured, mut spans) = (Vec::new(), Vec::new());
-        if self.captioner.measures(clip) {
-            let taught = description.segments.iter().filter_map(|s| {
-                let name = s.taught.as_deref()?;
-                Some(s.actions.iter().copied().chain([name]))
-            });
-            let taught: Vec<&str> = taught.flatten().collect();
-            let is_measured = |action: &&String| !taught.contains(&action.as_str());
-            measured = actions.iter().filter(is_measured).cloned().collect();
-            let segments = description.segments.iter();
-            spans.extend(
-                segments
-                    .filter(|s| s.taught.is_none())
-                    .map(|s| MeasuredSpan {
-                        start_s: s.start_s,
-                        end_s: s.end_s,
-                        action: s.actions.last().map_or_else(String::new, |a| (*a).into()),
-                    }),
-            );
-        }
+        let measured = match self.captioner.measures(clip) {
+            true => measured_spans(&description),
+            false => Vec::new(),
+        };
         Described::Sentence {
             actions,
             measured,
-            spans,
             confidence: (!description.segments.iter().all(is_general))
                 .then(|| description.confidence.into()),
             caption: description.caption,
         }
     }
+}
+
+/// What a description says that is measured: all but taught activities, and actions that a taught one states as well.
+fn measured_spans(description: &Description) -> Vec<MeasuredSpan> {
+    let taught = description.segments.iter().filter_map(|s| {
+        let name = s.taught.as_deref()?;
+        Some(s.actions.iter().copied().chain([name]))
+    });
+    let taught: Vec<&str> = taught.flatten().collect();
+    let measured = description.segments.iter().filter(|s| s.taught.is_none());
+    let span = |s: &Segment| MeasuredSpan {
+        start_s: s.start_s,
+        end_s: s.end_s,
+        action: s.actions.last().map(|action| (*action).into()),
+        caption: WindowCaption {
+            text: s.caption.clone(),
+            confidence: (!is_general(s)).then(|| s.confidence.into()),
+            place_m: None,
+        },
+    };
+    measured
+        .map(span)
+        .filter(|span| (span.action.as_deref()).is_none_or(|action| !taught.contains(&action)))
+        .collect()
 }
 
 /// What is known of a stream before its first frame.
@@ -110,19 +115,6 @@ pub(crate) fn without_frames(stream: &StreamInfo) -> Clip {
         provenance: stream.provenance.clone(),
         clutter: stream.clutter,
     }
-}
-
-/// Says of somebody who fell and has not risen that the person lies, where the height of the track alone would have it that
-/// the person sits: how low a board tracks who lies depends on the board.
-fn lie_down(description: &mut Description) {
-    let mut segments = std::mem::take(&mut description.segments);
-    for segment in &mut segments {
-        if segment.taught.is_none() && segment.actions == [SITS] {
-            segment.caption = segment.caption.replacen("sits", "lies", 1);
-            segment.actions = vec![LIES];
-        }
-    }
-    description.set_segments(segments);
 }
 
 /// The actions of a description, in order of time. A taught sentence that states none that is known has the name under which
@@ -158,21 +150,16 @@ impl Describe for Captions {
                     Some(reported) => clip.with_reported(reported),
                     None => clip,
                 };
-                match context.is_down {
-                    // Who has not risen lies, whatever the height is taken for.
-                    true => self.captioner.describe_prepared(&clip, &options),
-                    false => {
-                        let before = context.before.as_deref().and_then(posture_of);
-                        self.captioner.describe_window(&clip, &options, before)
-                    }
-                }
+                let before = context.before.as_deref().and_then(posture_of);
+                self.captioner
+                    .describe_window(&clip, &options, &context.earlier, before)
             });
         match described {
             Ok(description) => match description.abstained {
                 Some(reason) => Described::Abstained {
                     reason: reason.to_string(),
                 },
-                None => self.sentence(clip, description, context.is_down),
+                None => self.sentence(clip, description),
             },
             Err(error) => Described::Failed {
                 error: error.to_string(),
@@ -229,23 +216,6 @@ mod tests {
         // Where it states one that is known, that one is used.
         let sits = segment("a person sits down in the wheelchair", Some("wheelchair"));
         assert_eq!(of(vec![walks, sits]), ["walk", "sit_down"]);
-    }
-
-    #[test]
-    fn who_fell_and_has_not_risen_lies() {
-        let mut description = Description::default();
-        description.set_segments(vec![
-            segment("a person falls 2.0 m away", None),
-            segment("a person sits 2.1 m away", None),
-        ]);
-        lie_down(&mut description);
-        assert_eq!(stated(&description), ["fall", "lie_still"]);
-        assert!(
-            description.caption.contains("lies 2.1 m away"),
-            "{}",
-            description.caption
-        );
-        assert!(!description.caption.contains("sits"));
     }
 
     #[test]
@@ -393,7 +363,8 @@ mod tests {
         };
         let (actions, measured) = stated(Some(clip(true)));
         assert!(actions.contains(&"fall".to_string()), "{actions:?}");
-        assert!(measured.contains(&"fall".to_string()), "{measured:?}");
+        let is_fall = |span: &MeasuredSpan| span.action.as_deref() == Some("fall");
+        assert!(measured.iter().any(is_fall), "{measured:?}");
         assert!(!stated(None).0.contains(&"fall".to_string()));
     }
 }

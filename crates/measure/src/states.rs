@@ -1,5 +1,7 @@
 //! What people do, second by second, and joined to states with a beginning and an end.
 
+use std::borrow::Cow;
+
 use radarllm_base::{PointFrame, stats::quantile_nearest};
 
 use crate::{
@@ -49,6 +51,8 @@ const POSTURE_NEIGHBOURS: usize = 4;
 const HEIGHT_NEIGHBOURS: usize = 1;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
+/// What is left of a state at the beginning of a window belongs to the next one if it is shorter, s.
+const MIN_REST_S: f64 = 1.0;
 
 /// Time after a fall that tells whether it was one, s; less where nobody states the height of the radar, because the time
 /// before the fall has to be in the same window then. For how long somebody who is tracked may be lost meanwhile, s.
@@ -70,16 +74,21 @@ pub enum Activity {
 }
 
 /// What is known of a person before the first frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Before<'a> {
     /// Nothing: a recording is looked at as a whole.
     #[default]
     Nothing,
     /// The frames are a part of a recording, at whose beginning people of these tracks were in these postures.
     Part(&'a [(u32, Posture)]),
-    /// The frames are a window of a running radar, at whose beginning the person was in this posture, if it is known. A
-    /// posture that is not sure is not stated: a later window would contradict it.
-    Window(Option<Posture>),
+    /// The frames are a window of a running radar. A posture that is not sure is not stated: a later window would contradict
+    /// it.
+    Window {
+        /// The frames before the window, in whose light its own are seen.
+        earlier: &'a [PointFrame],
+        /// The posture of the person at their beginning, if it is known; at that of the window if there are none.
+        posture: Option<Posture>,
+    },
 }
 
 /// What a person does from one time to another.
@@ -113,6 +122,13 @@ impl State {
 
 /// What the people whom the board tracks do, ordered by their beginnings; `None` if the frames have no report of a board.
 pub fn measure(frames: &[PointFrame], site: &Site, before: Before) -> Option<Vec<State>> {
+    let (frames, from_s) = match (before, frames.first()) {
+        (Before::Window { earlier, .. }, Some(first)) if !earlier.is_empty() => {
+            (Cow::Owned([earlier, frames].concat()), first.time_s)
+        }
+        _ => (Cow::Borrowed(frames), f64::NEG_INFINITY),
+    };
+    let frames: &[PointFrame] = &frames;
     let people = tracked_people(frames, Some(site))?;
     // Only who is tracked in a plane has the falls of the points.
     let falls = match people.iter().any(is_flat) {
@@ -152,13 +168,21 @@ pub fn measure(frames: &[PointFrame], site: &Site, before: Before) -> Option<Vec
     let start_s = frames.first().map_or(0.0, |frame| frame.time_s);
     // Who comes later is somebody else.
     let before_of = |person: &TrackedPerson| match before {
-        Before::Window(_) if person.start_s() - start_s > STILL_TRACKED_S => Before::Window(None),
+        Before::Window { earlier, .. } if person.start_s() - start_s > STILL_TRACKED_S => {
+            Before::Window {
+                earlier,
+                posture: None,
+            }
+        }
         Before::Part(_) if person.start_s() - start_s > STILL_TRACKED_S => Before::Nothing,
         before => before,
     };
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
-        .flat_map(|p| states_of(p, site, &falls_of_person(p), before_of(p)))
+        .flat_map(|p| {
+            let states = joined_states(p, site, &falls_of_person(p), before_of(p));
+            placed(p, since(p, states, from_s))
+        })
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Some(states)
@@ -183,6 +207,16 @@ fn is_flat(person: &TrackedPerson) -> bool {
 
 /// What a person does who has these falls.
 pub fn states_of(
+    person: &TrackedPerson,
+    site: &Site,
+    falls: &[Fall],
+    before: Before,
+) -> Vec<State> {
+    placed(person, joined_states(person, site, falls, before))
+}
+
+/// The same; only the places between beginning and end are not known yet.
+fn joined_states(
     person: &TrackedPerson,
     site: &Site,
     falls: &[Fall],
@@ -260,7 +294,12 @@ pub fn states_of(
         }
         has_fallen = state.activity == Activity::Falls;
     }
-    let mut states: Vec<State> = (joined(states).into_iter())
+    joined(states)
+}
+
+/// States with their places.
+fn placed(person: &TrackedPerson, states: Vec<State>) -> Vec<State> {
+    let mut states: Vec<State> = (states.into_iter())
         .flat_map(|state| by_place(person, state))
         .collect();
     for state in &mut states {
@@ -274,6 +313,26 @@ pub fn states_of(
             [between[0].min(*m), between[1].max(*m)]
         });
         state.turns = turns(&distances_m);
+    }
+    states
+}
+
+/// What is left of states from a time on. A short rest of the first one belongs to the next.
+fn since(person: &TrackedPerson, mut states: Vec<State>, from_s: f64) -> Vec<State> {
+    states.retain(|state| state.end_s > from_s);
+    let is_cut = states.first().is_some_and(|first| first.start_s < from_s);
+    if !is_cut {
+        return states;
+    }
+    let is_rest = |first: &State| first.end_s - from_s < MIN_REST_S;
+    if states.len() > 1 && states.first().is_some_and(is_rest) {
+        states.remove(0);
+    }
+    if let Some(first) = states.first_mut() {
+        first.start_s = from_s;
+        if let Some(sample) = person.between(from_s, first.end_s).first() {
+            first.places_m[0] = sample.place_m;
+        }
     }
     states
 }
@@ -482,7 +541,7 @@ fn activities_of(
     let mut kept = match before {
         Before::Nothing => None,
         Before::Part(known) => (known.iter().find(|known| known.0 == person.track)).map(|k| k.1),
-        Before::Window(posture) => posture,
+        Before::Window { posture, .. } => posture,
     };
     // Runs of seconds in which the person stays, walks or falls.
     let mut at = 0;
@@ -500,7 +559,7 @@ fn activities_of(
                         Seen::Other(..) => None,
                     })
                     .collect();
-                let states_unsure = !matches!(before, Before::Window(_)) || is_after_fall;
+                let states_unsure = !matches!(before, Before::Window { .. }) || is_after_fall;
                 let [x_m, y_m] = seconds[span.start].places_m[0];
                 let is_known = site.is_known_at(x_m.hypot(y_m));
                 let sure = (!is_known).then(|| sure_of_posture(site));
@@ -666,8 +725,10 @@ fn seen(seconds: &[Second], at: usize, falls: &[Fall], before: Before) -> Seen {
     // At the ends of a window, a single second is no walk of somebody who stayed before: if it is the beginning of one, the next
     // window shows it. Who walked before goes on.
     let n_near = match before {
-        Before::Window(Some(_)) => 2 * WALKING_NEIGHBOURS + 1,
-        Before::Window(None) | Before::Nothing | Before::Part(_) => near.len(),
+        Before::Window { earlier, posture } if posture.is_some() || !earlier.is_empty() => {
+            2 * WALKING_NEIGHBOURS + 1
+        }
+        Before::Window { .. } | Before::Nothing | Before::Part(_) => near.len(),
     };
     let walking = n_walking / n_near as f32;
     if walking >= WALKING {
@@ -729,6 +790,13 @@ fn joined(states: Vec<State>) -> Vec<State> {
 mod tests {
     use super::*;
     use crate::people::tests::frames;
+
+    fn window(posture: Option<Posture>) -> Before<'static> {
+        Before::Window {
+            earlier: &[],
+            posture,
+        }
+    }
 
     fn activities(at: impl Fn(f64) -> Option<[f32; 3]>, seconds: f64) -> Vec<(Activity, i32, i32)> {
         let site = Site::unlearned("board", 1.5);
@@ -919,11 +987,45 @@ mod tests {
             let states = measure(&frames(6.1, at), &site, before).unwrap();
             states.iter().any(|s| s.activity == Activity::Walks)
         };
-        assert!(!walks(Before::Window(Some(Posture::Sitting))));
-        assert!(walks(Before::Window(None)));
+        assert!(!walks(window(Some(Posture::Sitting))));
+        assert!(walks(window(None)));
     }
 
     /// Who takes the chair along sits at two places; who leans forward for a moment at one.
+    #[test]
+    fn a_window_is_seen_in_the_light_of_the_time_before() {
+        let site = Site::unlearned("board", 1.5);
+        // Sits down at 20 s; at 38 s the height drifts up for some seconds, as far as that of somebody who stands.
+        let at = |t: f64| match t {
+            t if t < 15.0 => Some([5.0 - 0.2 * t as f32, 0.15, 0.0]),
+            t if t < 38.0 => Some([2.0, -0.35, 0.0]),
+            t => Some([2.0, -0.35 + (0.04 * (t - 38.0) as f32).min(0.2), 0.0]),
+        };
+        let all = frames(44.0, at);
+        let of = |earlier: &[PointFrame], part: &[PointFrame]| {
+            let before = Before::Window {
+                earlier,
+                posture: None,
+            };
+            let states = measure(part, &site, before).unwrap();
+            let row = |s: &State| (s.activity, s.start_s, s.distances_m()[0]);
+            states.iter().map(row).collect::<Vec<_>>()
+        };
+        let sits = Activity::Stays(Posture::Sitting);
+        assert_eq!(of(&all[..380], &all[380..]), [(sits, 38.0, 2.0)]);
+        // The walk is before the window, but for its end.
+        let [(Activity::Walks, 13.0, from_m), (activity, ..)] = of(&all[..130], &all[130..190])[..]
+        else {
+            panic!("{:?}", of(&all[..130], &all[130..190]))
+        };
+        assert_eq!(activity, sits);
+        assert!((from_m - 2.4).abs() < 0.05, "{from_m}");
+        // Less than a second of it is nothing of its own.
+        let late = of(&all[..148], &all[148..208]);
+        assert_eq!(late, [(sits, 14.8, 2.0)]);
+        assert_eq!(of(&all[..200], &all[200..260]), [(sits, 20.0, 2.0)]);
+    }
+
     #[test]
     fn somebody_who_stays_at_another_place_has_a_state_there() {
         let places = |from_m: f32, to_m: f32, back_s: f64| {
@@ -1009,7 +1111,7 @@ mod tests {
         assert!((28..=32).contains(&then_s), "{changed:?}");
         // A window of a running radar goes on with what was known, states nothing that is not clear, and shows a change.
         let doubtful = |_: f32| 0.2;
-        let before = |posture| Before::Window(posture);
+        let before = window;
         let [standing, sitting] = [Posture::Standing, Posture::Sitting].map(Some);
         assert_eq!(found(&doubtful, 6.0, before(standing)), [(stands, 0, 6)]);
         assert_eq!(found(&doubtful, 6.0, before(sitting)), [(sits, 0, 6)]);

@@ -7,21 +7,23 @@
 //! A **row** is an action in a run of windows; one window between that does not state it, or states nothing, is bridged.
 //! As all windows of the run contain the action, it is from the start of the last window to the end of the first one. If
 //! these do not overlap, the action goes on, and the row is from the start of the first window to the end of the last
-//! one. An action that is measured has its own beginning and end in each window, which are those of the row. The row has the
-//! sentence of the middle window.
+//! one. The row has the sentence of the middle window. What is measured has times of its own, and rows by those
+//! ([`measured`](crate::measured)).
 //!
 //! A short row is reported once, when its run has ended, because its start moves until then. A row that goes on is
 //! reported as soon as it is known to go on, and again whenever it grows; then its start stays and its end only moves
 //! ahead.
 //!
-//! The **label** of a person is the action of the last clause. It is published when two successive windows agree. While
-//! they do not, the former label stays for 4 s; then the label is `unsure`.
+//! The **label** of a person is the action of the last clause. It is published when two successive windows agree, and at
+//! once if it is measured. While they do not, the former label stays for 4 s if the newest sentence still states it;
+//! otherwise the label is `unsure`.
 
 use std::collections::BTreeMap;
 
 use radarllm_facts::parse;
 
 use crate::clock::MAX_GAP_S;
+use crate::measured::{MeasuredSpan, Timeline};
 use crate::options::{OptionError, has_passed, is_over, within};
 use crate::rows::Activity;
 
@@ -29,8 +31,6 @@ use crate::rows::Activity;
 pub const MAX_ROW_S: f64 = 43_200.0;
 /// Windows that may be missing within a run.
 const BRIDGED: u32 = 1;
-/// Time between two measurements of an action, s, from which on they are two rows.
-const APART_S: f64 = 2.0;
 /// Most actions of a window that are looked at. A sentence states one to three.
 pub const MAX_ACTIONS: usize = 8;
 /// Time after the end of the last window after which a person's rows end, s, when windows of others go on.
@@ -109,17 +109,6 @@ pub struct WindowCaption {
     pub place_m: Option<[f64; 2]>,
 }
 
-/// An action that was measured of a person, with its beginning and its end in a window.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeasuredSpan {
-    /// Beginning, s.
-    pub start_s: f64,
-    /// End, s.
-    pub end_s: f64,
-    /// The action.
-    pub action: String,
-}
-
 /// Actions of the clauses of a sentence by its words, in order of time: for models without a namer of their own.
 ///
 /// ```
@@ -131,29 +120,6 @@ pub fn actions_of(caption: &str) -> Vec<String> {
     let clauses = parse(caption);
     let first = clauses.iter().filter_map(|clause| clause.actions.first());
     first.map(|action| action.name.to_string()).collect()
-}
-
-/// Measured actions of a window with the changes of posture between them: who walks or stands after sitting or lying has got
-/// up, and who sits or lies afterwards has sat or lain down, unless by a fall. `before` are the measured actions of the
-/// window before: windows overlap, so that a change is between two of them only if the first action of the later one is
-/// none of the earlier one.
-fn with_changes(before: &[String], actions: Vec<String>) -> Vec<String> {
-    let is_up = |action: &str| ["walk", "pace", "stand_still"].contains(&action);
-    let is_new = actions.first().is_some_and(|first| !before.contains(first));
-    let mut last = before.last().filter(|_| is_new).cloned();
-    let mut all: Vec<String> = Vec::with_capacity(actions.len());
-    for action in actions {
-        let change = match (last.as_deref(), action.as_str()) {
-            (Some("sit_still" | "lie_still"), now) if is_up(now) => Some("stand_up"),
-            (Some(before), "sit_still") if is_up(before) => Some("sit_down"),
-            (Some(before), "lie_still") if is_up(before) => Some("lie_down"),
-            _ => None,
-        };
-        all.extend(change.map(String::from));
-        last = Some(action.clone());
-        all.push(action);
-    }
-    all
 }
 
 /// What somebody does now.
@@ -244,10 +210,9 @@ struct Person {
     last: Option<String>,
     /// The published action, and the end of the last window that confirmed it.
     published: Option<(String, f64)>,
-    /// The measured actions of the last window that had some.
-    measured: Vec<String>,
-    /// What was measured in the last window, in order of time.
-    spans: Vec<MeasuredSpan>,
+    /// The actions that the label may name: those of the last sentence, and of a measured one the last.
+    stated: Vec<String>,
+    measured: Timeline,
 }
 
 /// An action in windows of which at most [`BRIDGED`] in succession do not state it.
@@ -258,8 +223,6 @@ struct Run {
     row: Option<u64>,
     first_s: [f64; 2],
     last_s: [f64; 2],
-    /// Beginning and end, if all windows measure the action.
-    measured_s: Option<[f64; 2]>,
     n_windows: u32,
     n_points: u32,
     n_missing: u32,
@@ -269,7 +232,7 @@ struct Run {
 
 /// Evenly spaced sentences of a run, at most [`MAX_SAMPLES`].
 #[derive(Clone, Debug, Default)]
-struct Samples {
+pub(crate) struct Samples {
     kept: Vec<(u32, WindowCaption)>,
     /// Every 2^n-th sentence is kept.
     doublings: u32,
@@ -317,38 +280,13 @@ impl Activities {
             .iter_mut()
             .filter(|run| run.n_missing == 0 && run.goes_on());
         rows.extend(grown.filter_map(|run| run.report(reading.person, true, options, n_rows)));
+        rows.extend((person.measured).push(reading, &mut || next_row(n_rows)));
         rows
     }
 
-    /// Adds the changes of posture to the actions of the next window of a person, and to those of them that are measured.
-    /// The window is pushed afterwards.
-    pub fn add_changes(
-        &mut self,
-        person: u32,
-        actions: Vec<String>,
-        measured: &mut Vec<String>,
-    ) -> Vec<String> {
-        if measured.is_empty() {
-            return actions;
-        }
-        let known = self.people.entry(person).or_default();
-        let before = std::mem::replace(&mut known.measured, actions.clone());
-        let stated = actions.clone();
-        let all = with_changes(&before, actions);
-        let added = all.iter().filter(|action| !stated.contains(action));
-        measured.extend(added.cloned());
-        all
-    }
-
-    /// The action that was measured of a person at a time of the last window; at its end, if the time is later by less than a
-    /// gap.
-    pub fn measured_at(&self, person: u32, t_s: f64) -> Option<String> {
-        let spans = &self.people.get(&person)?.spans;
-        let last = spans
-            .last()
-            .filter(|last| !is_over(last.end_s, t_s, MAX_GAP_S));
-        let span = spans.iter().find(|span| span.end_s > t_s).or(last);
-        span.map(|span| span.action.clone())
+    /// The action that was measured of a person at a time; at the end of the last one, if the time is later by less than a gap.
+    pub fn measured_at(&self, person: u32, t_s: f64) -> Option<&str> {
+        self.people.get(&person)?.measured.action_at(t_s)
     }
 
     /// Somebody has another number from now on, as after a track was lost: what the person does goes on. Rows of a former
@@ -371,8 +309,11 @@ impl Activities {
         };
         let (options, n_rows) = (&self.options, &mut self.n_rows);
         let runs = gone.runs.iter_mut();
-        runs.filter_map(|run| run.report(person, false, options, n_rows))
-            .collect()
+        let mut rows: Vec<Row> = runs
+            .filter_map(|run| run.report(person, false, options, n_rows))
+            .collect();
+        rows.extend((gone.measured).end(person, &mut || next_row(n_rows)));
+        rows
     }
 
     /// Ends all rows, as before a gap of the stream and at its end.
@@ -393,7 +334,10 @@ impl Activities {
             return Label::Unseen;
         }
         match &person.published {
-            Some((action, at_s)) if !has_passed(*at_s, t_s, self.options.label_hold_s) => {
+            Some((action, at_s))
+                if person.stated.contains(action)
+                    && !has_passed(*at_s, t_s, self.options.label_hold_s) =>
+            {
                 Label::Action(action.clone())
             }
             _ => Label::Unsure,
@@ -426,23 +370,48 @@ impl Activities {
     }
 }
 
+/// The number of the next row.
+fn next_row(n_rows: &mut u64) -> u64 {
+    *n_rows += 1;
+    *n_rows
+}
+
+impl WindowReading {
+    /// Whether an action was measured, with its times.
+    pub(crate) fn is_measured(&self, action: &str) -> bool {
+        let mut spans = self.spans.iter();
+        spans.any(|span| span.action.as_deref() == Some(action))
+    }
+
+    /// The action at the end of the window, and whether it was measured.
+    fn last_action(&self) -> Option<(&str, bool)> {
+        let stated = self.actions.last().filter(|_| self.caption.is_some())?;
+        match self.spans.last() {
+            // The person is still there, and no more is known.
+            Some(last) if last.action.is_none() && self.is_measured(stated) => None,
+            Some(last) => Some((stated, last.action.as_ref() == Some(stated))),
+            None => Some((stated, false)),
+        }
+    }
+}
+
 impl Person {
     fn relabel(&mut self, reading: &WindowReading) {
         self.window_s = Some([reading.start_s, reading.end_s]);
         self.n_points = reading.n_points;
-        self.spans.clone_from(&reading.spans);
         self.is_unseen = reading.caption.is_none();
-        let action = match reading.caption {
-            Some(_) => reading.actions.last().cloned(),
-            None => None,
-        };
-        if let Some(action) = &action {
+        let last = reading.last_action();
+        if let Some((action, is_measured)) = last {
             let is_former = self.published.as_ref().is_some_and(|(a, _)| a == action);
-            if is_former || self.last.as_ref() == Some(action) {
-                self.published = Some((action.clone(), reading.end_s));
+            if is_measured || is_former || self.last.as_deref() == Some(action) {
+                self.published = Some((action.into(), reading.end_s));
             }
         }
-        self.last = action;
+        self.stated = match reading.spans.is_empty() {
+            true => reading.actions.clone(),
+            false => last.iter().map(|(action, _)| (*action).into()).collect(),
+        };
+        self.last = last.map(|(action, _)| action.into());
     }
 
     /// Adds a window to the runs. Returns the runs that have ended.
@@ -457,7 +426,8 @@ impl Person {
         }
         let mut ended = Vec::new();
         for (i, action) in actions.iter().enumerate() {
-            let (Some(caption), false) = (&reading.caption, actions[..i].contains(action)) else {
+            let is_other = actions[..i].contains(action) || reading.is_measured(action);
+            let (Some(caption), false) = (&reading.caption, is_other) else {
                 continue;
             };
             let found = self.runs.iter().position(|run| &run.action == action);
@@ -476,14 +446,6 @@ impl Person {
     }
 }
 
-/// When an action begins and ends in a window that measures it.
-fn measured_s(action: &str, reading: &WindowReading) -> Option<[f64; 2]> {
-    let spans = reading.spans.iter().filter(|span| span.action == action);
-    spans
-        .map(|span| [span.start_s, span.end_s])
-        .reduce(|all, one| [all[0].min(one[0]), all[1].max(one[1])])
-}
-
 impl Run {
     fn new(action: &str, reading: &WindowReading, caption: &WindowCaption) -> Self {
         let window_s = [reading.start_s, reading.end_s];
@@ -492,7 +454,6 @@ impl Run {
             row: None,
             first_s: window_s,
             last_s: window_s,
-            measured_s: measured_s(action, reading),
             n_windows: 0,
             n_points: 0,
             n_missing: 0,
@@ -506,22 +467,15 @@ impl Run {
     fn extend(&mut self, reading: &WindowReading, caption: &WindowCaption) {
         self.captions.push(self.n_windows, caption);
         self.last_s = [reading.start_s, reading.end_s.max(self.last_s[1])];
-        let measured_s = self.measured_s.zip(measured_s(&self.action, reading));
-        self.measured_s =
-            measured_s.map(|([start_s, end_s], own_s)| [start_s, end_s.max(own_s[1])]);
         self.n_windows += 1;
         self.n_points = self.n_points.saturating_add(reading.n_points);
         self.n_missing = 0;
         self.is_certain |= reading.certain.contains(&self.action);
     }
 
-    /// Whether the run ends, so that a window that states the action begins another one: the row would be too long, or the
-    /// action was measured at two times that are apart.
+    /// Whether the row would be too long with a window, which begins another one.
     fn ends_before(&self, reading: &WindowReading) -> bool {
-        let measured_s = self.measured_s.zip(measured_s(&self.action, reading));
-        let is_apart =
-            measured_s.is_some_and(|(before_s, own_s)| is_over(before_s[1], own_s[0], APART_S));
-        is_apart || is_over(self.first_s[0], reading.end_s, MAX_ROW_S)
+        is_over(self.first_s[0], reading.end_s, MAX_ROW_S)
     }
 
     /// Whether the first and the last window do not overlap.
@@ -530,10 +484,9 @@ impl Run {
     }
 
     fn span_s(&self) -> [f64; 2] {
-        match (self.measured_s, self.goes_on()) {
-            (Some(measured_s), _) => measured_s,
-            (None, true) => [self.first_s[0], self.last_s[1]],
-            (None, false) => [self.last_s[0], self.first_s[1]],
+        match self.goes_on() {
+            true => [self.first_s[0], self.last_s[1]],
+            false => [self.last_s[0], self.first_s[1]],
         }
     }
 
@@ -548,10 +501,7 @@ impl Run {
             return None;
         }
         let caption = self.captions.middle(self.n_windows)?.clone();
-        let row = *self.row.get_or_insert_with(|| {
-            *n_rows += 1;
-            *n_rows
-        });
+        let row = *self.row.get_or_insert_with(|| next_row(n_rows));
         let [start_s, end_s] = self.span_s();
         Some(Row {
             row,
@@ -568,7 +518,7 @@ impl Run {
 }
 
 impl Samples {
-    fn push(&mut self, number: u32, caption: &WindowCaption) {
+    pub(crate) fn push(&mut self, number: u32, caption: &WindowCaption) {
         if !number.is_multiple_of(self.stride()) {
             return;
         }
@@ -585,8 +535,14 @@ impl Samples {
         1 << self.doublings.min(31)
     }
 
+    /// The first sentence, and the last one that is kept.
+    pub(crate) fn ends(&self) -> Option<[&WindowCaption; 2]> {
+        let ends = self.kept.first().zip(self.kept.last());
+        ends.map(|((_, first), (_, last))| [first, last])
+    }
+
     /// The sentence nearest to the middle of `n` windows; of two, the former.
-    fn middle(&self, n: u32) -> Option<&WindowCaption> {
+    pub(crate) fn middle(&self, n: u32) -> Option<&WindowCaption> {
         let middle = n.saturating_sub(1) / 2;
         let nearest = self.kept.iter().min_by_key(|(i, _)| i.abs_diff(middle))?;
         Some(&nearest.1)
@@ -654,70 +610,6 @@ mod tests {
         (action.to_string(), start_s, end_s, n_windows)
     }
 
-    fn words(actions: &[&str]) -> Vec<String> {
-        actions.iter().map(|action| (*action).into()).collect()
-    }
-
-    #[test]
-    fn changes_of_measured_postures_are_actions() {
-        let of = |actions: &[&str]| with_changes(&[], words(actions));
-        let day = ["walk", "sit_still", "pace", "lie_still", "stand_still"];
-        let expected = [
-            "walk",
-            "sit_down",
-            "sit_still",
-            "stand_up",
-            "pace",
-            "lie_down",
-            "lie_still",
-            "stand_up",
-            "stand_still",
-        ];
-        assert_eq!(of(&day), expected);
-        // A fall is no lying down, and a pause no change.
-        assert_eq!(
-            of(&["walk", "fall", "lie_still"]),
-            ["walk", "fall", "lie_still"]
-        );
-        assert_eq!(
-            of(&["walk", "stand_still", "walk"]),
-            ["walk", "stand_still", "walk"]
-        );
-    }
-
-    #[test]
-    fn changes_between_windows_are_those_of_one_person() {
-        let mut activities = Activities::new(ActivityOptions::default()).unwrap();
-        let next = |activities: &mut Activities, person: u32, actions: &[&str]| {
-            let mut measured = words(actions);
-            let all = activities.add_changes(person, words(actions), &mut measured);
-            assert!(all.iter().all(|action| measured.contains(action)));
-            all
-        };
-        assert_eq!(next(&mut activities, 1, &["sit_still"]), ["sit_still"]);
-        assert_eq!(next(&mut activities, 1, &["walk"]), ["stand_up", "walk"]);
-        assert_eq!(next(&mut activities, 1, &["walk"]), ["walk"]);
-        // Overlapping windows repeat what they show.
-        let both = ["walk", "sit_down", "sit_still"];
-        for _ in 0..2 {
-            assert_eq!(next(&mut activities, 1, &["walk", "sit_still"]), both);
-        }
-        // Another person, and the same one with another number.
-        assert_eq!(next(&mut activities, 2, &["walk"]), ["walk"]);
-        activities.rename(1, 3);
-        assert_eq!(
-            next(&mut activities, 3, &["stand_still"]),
-            ["stand_up", "stand_still"]
-        );
-        // Who was not tracked any more is unknown, and what is not measured changes nothing.
-        next(&mut activities, 3, &["sit_still"]);
-        activities.end_person(3);
-        assert_eq!(next(&mut activities, 3, &["walk"]), ["walk"]);
-        let actions = words(&["sit_still"]);
-        let kept = activities.add_changes(3, actions.clone(), &mut Vec::new());
-        assert_eq!(kept, actions);
-    }
-
     #[test]
     fn a_short_action_is_where_its_windows_overlap() {
         assert_eq!(spans(&["", "f", "", ""]), [span("f", 2.0, 8.0, 1)]);
@@ -728,54 +620,6 @@ mod tests {
         let found = spans(&["w", "ws", "ws", "ws", "s"]);
         assert_eq!(found, [span("w", 0.0, 12.0, 4), span("s", 2.0, 14.0, 4)]);
         assert!(spans(&["", "", ""]).is_empty());
-    }
-
-    /// Windows overlap, and what is measured in them has times of its own.
-    #[test]
-    fn a_measured_row_begins_and_ends_with_what_is_measured() {
-        let mut activities = activities();
-        let mut found = Vec::new();
-        let mut next = |number: u32, spans: &[(&str, f64, f64)]| {
-            let actions: Vec<&str> = spans.iter().map(|span| span.0).collect();
-            let of = |span: &(&str, f64, f64)| MeasuredSpan {
-                action: span.0.into(),
-                start_s: span.1,
-                end_s: span.2,
-            };
-            let reading = WindowReading {
-                spans: spans.iter().map(of).collect(),
-                ..reading(number, &actions)
-            };
-            found.extend(activities.push(&reading));
-            assert_eq!(activities.measured_at(1, 0.0), Some(spans[0].0.into()));
-            let last = spans.last().unwrap();
-            let end_s = last.2 + MAX_GAP_S;
-            assert_eq!(activities.measured_at(1, end_s), Some(last.0.into()));
-            assert_eq!(activities.measured_at(1, end_s + 0.1), None);
-        };
-        // Walks until 5 s, stands until 11 s, and walks again.
-        next(0, &[("walk", 0.0, 5.0), ("stand_still", 5.0, 6.0)]);
-        next(1, &[("walk", 2.0, 5.0), ("stand_still", 5.0, 8.0)]);
-        next(2, &[("walk", 4.0, 5.0), ("stand_still", 5.0, 10.0)]);
-        next(3, &[("stand_still", 6.0, 11.0), ("walk", 11.0, 12.0)]);
-        next(4, &[("stand_still", 8.0, 11.0), ("walk", 11.0, 14.0)]);
-        assert_eq!(activities.measured_at(1, 10.0), Some("stand_still".into()));
-        assert_eq!(activities.measured_at(1, 11.5), Some("walk".into()));
-        assert_eq!(activities.measured_at(2, 11.5), None);
-        found.extend(activities.end_all());
-        let mut ended: Vec<(&str, f64, f64)> = (found.iter())
-            .filter(|row| !row.is_open)
-            .map(|row| (&row.action[..], row.start_s, row.end_s))
-            .collect();
-        ended.sort_by(|a, b| a.1.total_cmp(&b.1));
-        assert_eq!(
-            ended,
-            [
-                ("walk", 0.0, 5.0),
-                ("stand_still", 5.0, 11.0),
-                ("walk", 11.0, 14.0)
-            ]
-        );
     }
 
     #[test]
@@ -919,12 +763,11 @@ mod tests {
         for (i, (action, expected)) in [
             ("walk", "unsure"),
             ("walk", "walk"),
-            ("wave", "walk"),   // 2 s after two agreed
-            ("turn", "unsure"), // 4 s
+            ("wave", "unsure"),
+            ("walk", "walk"), // the former one again
+            ("turn", "unsure"),
             ("turn", "turn"),
-            ("walk", "turn"),
-            ("turn", "turn"), // the former one again
-            ("walk", "turn"),
+            ("walk", "unsure"),
             ("walk", "walk"),
         ]
         .iter()
@@ -935,16 +778,26 @@ mod tests {
             let label = activities.label(1, reading.end_s);
             assert_eq!(label.name(), *expected, "window {i}");
         }
+        // The former label stays for 4 s while the sentence still states it.
+        for (i, expected) in [(8, "walk"), (9, "unsure")] {
+            let reading = reading(i, &["walk", ["bow", "wave"][i as usize - 8]]);
+            activities.push(&reading);
+            let label = activities.label(1, reading.end_s);
+            assert_eq!(label.name(), expected, "window {i}");
+        }
         // Without windows, the label is unsure after 4 s.
-        let end_s = 16.0 + 6.0;
+        for i in [10, 11] {
+            activities.push(&reading(i, &["walk"]));
+        }
+        let end_s = 22.0 + 6.0;
         assert_eq!(activities.label(1, end_s + 3.9).name(), "walk");
         assert_eq!(activities.label(1, end_s + 4.0), Label::Unsure);
-        activities.push(&abstained(9));
-        assert_eq!(activities.label(1, 24.0), Label::Unseen);
+        activities.push(&abstained(12));
+        assert_eq!(activities.label(1, 30.0), Label::Unseen);
         // Two sentences that state nothing agree in nothing.
-        activities.push(&reading(10, &[]));
-        activities.push(&reading(11, &[]));
-        assert_eq!(activities.label(1, 28.0), Label::Unsure);
+        activities.push(&reading(13, &[]));
+        activities.push(&reading(14, &[]));
+        assert_eq!(activities.label(1, 34.0), Label::Unsure);
     }
 
     #[test]

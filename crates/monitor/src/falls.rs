@@ -18,7 +18,8 @@
 //! | suspected | confirmed | `fall_dwell_s` have passed |
 //! | confirmed | recovered | the person is up, or left through a door |
 //!
-//! Somebody is **up** whose height was above 0.9 m for 1 s, or who walked: 1.5 m within 3 s, mostly above 0.6 m.
+//! Somebody is **up** whose height was above 0.9 m for 1 s, or who walked: 1.5 m within 3 s, mostly above 0.6 m; also who is
+//! measured to stand, or to walk at any height and so far.
 //!
 //! Whoever is unseen counts as down, because a person who lies has 0 to 6 points a frame. For the same reason many who
 //! fall are not seen any more before they are seen below `fall_height_m`, most of all by a radar that is high up. A person
@@ -412,6 +413,28 @@ impl FallMonitor {
         self.stated(person, tracked.unwrap_or(place_m))
     }
 
+    /// A person was measured to stand, or to walk, for a time that has just ended. A fall of this person ends, if the person has
+    /// been tracked over [`WALK_M`] while walking. The heights of this monitor need not show it: they need a stated height of
+    /// the radar, and a board that is not tilted.
+    pub fn measured_up(&mut self, person: u32, stands: bool) -> Option<FallEvent> {
+        let now_s = self.now_s;
+        let body = self.bodies.get_mut(&person)?;
+        let from_m = match stands {
+            true => body.place_m,
+            false => body.went_from_m(now_s)?,
+        };
+        let is_own = |fall: &Fall| fall.tracked_as() == Some(person);
+        let at = self.open.iter().position(is_own)?;
+        if !self.open[at].may_rise_at([from_m, body.place_m]) {
+            // Somebody else, who was given the number of the person who lies.
+            self.open[at].is_renumbered = true;
+            return None;
+        }
+        body.ended_s = Some(now_s);
+        let fall = self.open.remove(at);
+        Some(fall.event(fall.ended(), now_s))
+    }
+
     /// Begins a fall that something else than the heights states.
     fn stated(&mut self, person: u32, place_m: [f64; 2]) -> Option<FallEvent> {
         let is_recent = |end_s: f64| !is_over(end_s, self.now_s, LABEL_REST_S);
@@ -618,11 +641,7 @@ impl FallMonitor {
             let has_left =
                 tracked.is_some_and(|one| left.contains(&one)) && !zones.is_door(fall.place_m);
             if is_up_here || has_left || fall.is_over_by_only(is_only_up, up_s, now_s) {
-                let state = match fall.is_confirmed {
-                    true => FallState::Recovered,
-                    false => FallState::Dismissed,
-                };
-                events.push(fall.event(state, now_s));
+                events.push(fall.event(fall.ended(), now_s));
                 if let Some(body) = body {
                     body.ended_s = Some(now_s);
                 }
@@ -641,6 +660,14 @@ impl Fall {
     /// Number under which the person may be tracked; `None` if that number is another person's.
     pub fn tracked_as(&self) -> Option<u32> {
         (!self.is_renumbered).then_some(self.person)
+    }
+
+    /// The state of the fall when the person is up.
+    pub fn ended(&self) -> FallState {
+        match self.is_confirmed {
+            true => FallState::Recovered,
+            false => FallState::Dismissed,
+        }
     }
 
     /// Whether whoever has the number of the person, and was at these places when getting up, is the person.
@@ -739,13 +766,16 @@ impl Body {
 
     /// Where the person was at the beginning of the last [`WALK_S`], who walks.
     fn walks_from_m(&self, now_s: f64) -> Option<[f64; 2]> {
-        let ((_, from_m, _), (at_s, to_m, _)) = self.path.front().zip(self.path.back())?;
         let heights = self.path.iter().filter_map(|(_, _, height_m)| *height_m);
-        let middle_m = median_upper(heights)?;
-        let walks = middle_m > WALK_HEIGHT_M
-            && !is_within(*from_m, *to_m, WALK_M)
-            && !is_over(*at_s, now_s, RISE_GAP_S);
-        walks.then_some(*from_m)
+        let is_high = median_upper(heights)? > WALK_HEIGHT_M;
+        self.went_from_m(now_s).filter(|_| is_high)
+    }
+
+    /// Where the person was at the beginning of the last [`WALK_S`], who went [`WALK_M`] since at any height.
+    fn went_from_m(&self, now_s: f64) -> Option<[f64; 2]> {
+        let ((_, from_m, _), (at_s, to_m, _)) = self.path.front().zip(self.path.back())?;
+        let went = !is_within(*from_m, *to_m, WALK_M) && !is_over(*at_s, now_s, RISE_GAP_S);
+        went.then_some(*from_m)
     }
 
     /// Whether the height in a frame is that of somebody who is down.

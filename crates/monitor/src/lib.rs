@@ -6,7 +6,8 @@
 //!
 //! Reading order: [`pipeline`] (one frame in, messages and records out), [`queue`] (frames before it); [`clock`] (frames to
 //! times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`] and [`watch`] (both behind the tracker),
-//! [`activities`] (windows to labels and rows), [`options`]; [`rows`] (activities and events), [`messages`] (what listeners
+//! [`activities`] (windows to labels and rows), [`measured`] (rows of what is
+//! measured), [`options`]; [`rows`] (activities and events), [`messages`] (what listeners
 //! receive), [`points`] (points as bytes), [`counters`], [`liveness`] (whether frames arrive and the pipeline moves).
 //!
 //! Deliberately absent: files, sockets, threads, the database and the time of day, so that a recording gives the same rows
@@ -23,6 +24,7 @@ pub mod clock;
 pub mod counters;
 pub mod falls;
 pub mod liveness;
+pub mod measured;
 pub mod messages;
 pub mod options;
 pub mod people;

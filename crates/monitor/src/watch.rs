@@ -167,6 +167,11 @@ impl Watch {
         self.falls.measured(person, place_m)
     }
 
+    /// A person was measured to stand or to walk. Returns the fall that ends because of it.
+    pub fn measured_up(&mut self, person: u32, stands: bool) -> Option<FallEvent> {
+        self.falls.measured_up(person, stands)
+    }
+
     /// Ends a fall on a user's word. Returns whether there was such a fall.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
         self.falls.acknowledge(fall)

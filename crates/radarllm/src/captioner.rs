@@ -1,6 +1,6 @@
 //! The captioner: a clip in, a sentence out.
 
-use radarllm_base::Clip;
+use radarllm_base::{Clip, PointFrame};
 use radarllm_inference::{DescribeOptions, Description, PreparedClip, lm::NO_PERSON};
 use radarllm_io::{Error, Result};
 
@@ -172,7 +172,8 @@ impl Captioner {
         Ok(findings.description(clip.duration_s()))
     }
 
-    /// Describes a window of one person before a running radar, who was in this posture at its beginning, if it is known.
+    /// Describes a window of one person before a running radar. `earlier` are the frames before it, at whose beginning the person
+    /// was in this posture, if it is known.
     ///
     /// # Errors
     /// As [`Self::describe_prepared`].
@@ -180,9 +181,10 @@ impl Captioner {
         &self,
         clip: &PreparedClip,
         options: &DescribeOptions,
+        earlier: &[PointFrame],
         posture: Option<Posture>,
     ) -> Result<Description> {
-        let before = Before::Window(posture);
+        let before = Before::Window { earlier, posture };
         let findings = self.findings(clip, options, self.site.as_ref(), before)?;
         Ok(findings.description(clip.duration_s()))
     }

@@ -53,7 +53,7 @@ impl Measured {
                 let site = with_height(site.unwrap_or_else(|| unlearned_site(clip)));
                 let mut people = tracks.people(Some(&site));
                 // A running radar watches heights itself, frame by frame.
-                let is_window = matches!(before, Before::Window(_));
+                let is_window = matches!(before, Before::Window { .. });
                 let in_clip = |clip: &Clip, tracks: &PointTracks| {
                     let falls = falls_in_points(&clip.frames, &people, &site, is_window);
                     (segments(&tracks.walks()), falls)

@@ -31,12 +31,11 @@ use std::time::Instant;
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
 use radarllm_tracking::LiveTrack;
 
-use crate::activities::{
-    Activities, ActivityOptions, Label, MeasuredSpan, Row, WindowCaption, WindowReading,
-};
+use crate::activities::{Activities, ActivityOptions, Label, Row, WindowCaption, WindowReading};
 use crate::clock::{StreamClock, Tick};
 use crate::counters::Counters;
 use crate::falls::{EarlierFall, FALL, FallEvent, FallState, SuspectBy};
+use crate::measured::{self, MeasuredSpan};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
 use crate::options::{OptionError, has_passed, within};
 use crate::people::UNTRACKED;
@@ -73,9 +72,9 @@ pub trait Describe: Send {
 pub struct WindowContext {
     /// All points that the radar reported meanwhile, static ones as well, if they may be this person's alone.
     pub reported: Option<Clip>,
-    /// Whether the person fell before and has not risen.
-    pub is_down: bool,
-    /// The action that was measured of the person at the beginning of the window, by the window before.
+    /// The frames of the person before the window, at most [`WindowOptions::earlier_s`].
+    pub earlier: Vec<PointFrame>,
+    /// The action that was measured of the person at the beginning of these frames, or of the window if there are none.
     pub before: Option<String>,
 }
 
@@ -90,10 +89,8 @@ pub enum Described {
         actions: Vec<String>,
         /// Its confidence, 0 to 1; `None` if it says only what the points show of any motion.
         confidence: Option<f64>,
-        /// Those of the actions that were measured, not read by a model.
-        measured: Vec<String>,
-        /// What was measured with its times, in order of time.
-        spans: Vec<MeasuredSpan>,
+        /// What was measured, in order of time; its actions are not read by a model.
+        measured: Vec<MeasuredSpan>,
     },
     /// The model abstained.
     Abstained {
@@ -400,15 +397,11 @@ impl Pipeline {
         let Some(open) = open.cloned().filter(|_| self.watch.acknowledge(fall)) else {
             return Vec::new();
         };
-        let state = match open.is_confirmed {
-            true => FallState::Recovered,
-            false => FallState::Dismissed,
-        };
         let at_s = self.stamp.t_s;
         let event = FallEvent {
             fall,
             person: open.person,
-            state,
+            state: open.ended(),
             at_s,
             dwell_s: at_s - open.since_s,
             place_m: open.place_m,
@@ -497,6 +490,7 @@ impl Pipeline {
 
     fn describe_person(&mut self, window: Window, is_alone: bool, out: &mut Vec<Output>) {
         let (start_s, end_s, n_points) = (window.start_s(), window.end_s(), window.n_points());
+        let earlier_s = window.earlier.first().map_or(start_s, |f| f.time_s);
         let clip = Clip {
             frames: window.frames,
             frame_rate_hz: 1.0 / self.stream.frame_period_s,
@@ -508,11 +502,10 @@ impl Pipeline {
         };
         let began = Instant::now();
         let reported = self.windows.reported().filter(|_| is_alone);
-        let mut open = self.watch.open_falls().iter();
         let context = WindowContext {
             reported: reported.map(|frames| clip.with_frames(frames)),
-            is_down: open.any(|fall| fall.tracked_as() == Some(window.person)),
-            before: self.activities.measured_at(window.person, start_s),
+            earlier: window.earlier,
+            before: (self.activities.measured_at(window.person, earlier_s)).map(String::from),
         };
         let described = self.describe.describe(&clip, context);
         match &described {
@@ -535,26 +528,36 @@ impl Pipeline {
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);
         }
-        let (mut caption, mut actions, mut measured) = (None, Vec::new(), Vec::new());
-        let mut measured_spans = Vec::new();
+        let (mut caption, mut actions, mut spans) = (None, Vec::new(), Vec::new());
         let reason = match described {
             Described::Sentence {
                 caption: text,
                 actions: stated,
                 confidence,
-                measured: by_measuring,
-                spans,
+                measured,
             } => {
                 caption = Some(WindowCaption {
                     text,
                     confidence: confidence.map(|confidence| confidence.clamp(0.0, 1.0)),
                     place_m: Some(window.place_m),
                 });
-                measured = by_measuring;
-                measured_spans = spans;
-                actions = self
-                    .activities
-                    .add_changes(window.person, stated, &mut measured);
+                spans = measured;
+                for span in &mut spans {
+                    span.caption.place_m = Some(window.place_m);
+                }
+                actions = stated;
+                let falls = self.follow_measured(window.person, window.place_m, &spans);
+                out.extend(falls.iter().flat_map(|event| self.fall(event)));
+                if self.has_fallen(window.person)
+                    && measured::lie_down(&mut spans)
+                    && let Some(caption) = &mut caption
+                {
+                    caption.text = measured::sentence(&spans);
+                    actions = spans
+                        .iter()
+                        .filter_map(|span| span.action.clone())
+                        .collect();
+                }
                 None
             }
             Described::Abstained { reason } => {
@@ -564,7 +567,10 @@ impl Pipeline {
             Described::Failed { error } => Some(model_problem(&error)),
         };
         let heights = Heights::of(&clip.frames, self.stream.radar_height_m);
-        let is_measured = |action: &String| measured.contains(action);
+        let is_measured = |action: &String| {
+            let mut spans = spans.iter();
+            spans.any(|span| span.action.as_ref() == Some(action))
+        };
         actions.retain(|action| is_measured(action) || heights.permit(action));
         // Where the stride is longer, what happens may be in one window only.
         let is_degraded = self.pace.is_degraded();
@@ -577,20 +583,38 @@ impl Pipeline {
             caption,
             certain: actions.iter().filter(is_shown).cloned().collect(),
             actions,
-            spans: measured_spans,
+            spans,
             n_points,
         };
         let rows = self.activities.push(&reading);
         out.extend(self.rows(&rows));
-        let last = reading.actions.last();
-        let fall = match measured.iter().any(|action| action == FALL) {
-            true => self.watch.measured_fall(reading.person, window.place_m),
-            false => last.and_then(|action| self.watch.label(reading.person, action)),
-        };
+        let last = (reading.actions.last()).filter(|action| !reading.is_measured(action));
+        let fall = last.and_then(|action| self.watch.label(reading.person, action));
         out.extend(fall.iter().flat_map(|event| self.fall(event)));
         let label = self.activities.label(reading.person, reading.end_s);
         let now = self.now(Some(reading.person), Some(&reading), reason, label.name());
         out.push(self.message(Body::Now(now)));
+    }
+
+    /// Falls of a person that begin or end because of what was measured in a window.
+    fn follow_measured(
+        &mut self,
+        person: u32,
+        place_m: [f64; 2],
+        spans: &[MeasuredSpan],
+    ) -> Vec<FallEvent> {
+        let falls = spans
+            .iter()
+            .any(|span| span.action.as_deref() == Some(FALL));
+        let began = falls.then(|| self.watch.measured_fall(person, place_m));
+        let up = measured::is_up(spans).map(|stands| self.watch.measured_up(person, stands));
+        [began, up].into_iter().flatten().flatten().collect()
+    }
+
+    /// Whether a person fell and has not risen.
+    fn has_fallen(&self, person: u32) -> bool {
+        let mut open = self.watch.open_falls().iter();
+        open.any(|fall| fall.tracked_as() == Some(person))
     }
 
     fn now(

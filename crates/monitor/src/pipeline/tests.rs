@@ -36,7 +36,6 @@ impl Describe for ByHeight {
             actions: vec![action.into()],
             confidence: Some(0.7),
             measured: Vec::new(),
-            spans: Vec::new(),
         }
     }
 }
@@ -185,22 +184,37 @@ fn arrival_times_change_no_row() {
     assert_eq!(bursts.clips, replayed.clips);
 }
 
+/// A state that is measured over the whole of a window.
+fn whole(clip: &Clip, action: Option<&str>, caption: &str) -> MeasuredSpan {
+    let time_s = |frame: Option<&PointFrame>| frame.map_or(0.0, |f| f.time_s);
+    MeasuredSpan {
+        start_s: time_s(clip.frames.first()),
+        end_s: time_s(clip.frames.last()),
+        action: action.map(String::from),
+        caption: WindowCaption {
+            text: caption.into(),
+            confidence: Some(0.9),
+            place_m: None,
+        },
+    }
+}
+
 /// States in every window that the person falls.
 struct Falls {
     is_measured: bool,
 }
 
 impl Describe for Falls {
-    fn describe(&mut self, _: &Clip, _: WindowContext) -> Described {
+    fn describe(&mut self, clip: &Clip, _: WindowContext) -> Described {
+        let caption = "a person falls 2.0 m away";
         Described::Sentence {
-            caption: "a person falls 2.0 m away".into(),
+            caption: caption.into(),
             actions: vec!["fall".into()],
             confidence: Some(0.7),
             measured: match self.is_measured {
-                true => vec!["fall".into()],
+                true => vec![whole(clip, Some("fall"), caption)],
                 false => Vec::new(),
             },
-            spans: Vec::new(),
         }
     }
 }
@@ -237,8 +251,7 @@ impl Describe for SitsThenWalks {
             caption: caption.into(),
             actions: vec![action.into()],
             confidence: Some(0.7),
-            measured: vec![action.into()],
-            spans: Vec::new(),
+            measured: vec![whole(clip, Some(action), caption)],
         }
     }
 }
@@ -260,6 +273,76 @@ fn who_sat_in_one_window_and_walks_in_the_next_one_has_got_up() {
     let mut actions: Vec<String> = rows(&outputs).into_iter().map(|row| row.0).collect();
     actions.sort_unstable();
     assert_eq!(actions, ["sit_still", "stand_up", "walk"]);
+}
+
+/// Measures a fall from 8 to 10 s, and walking for the rest of a window after it.
+struct FallsThenWalks;
+
+impl Describe for FallsThenWalks {
+    fn describe(&mut self, clip: &Clip, _: WindowContext) -> Described {
+        let window = whole(clip, Some("walk"), "a person walks about 2.5 m away");
+        let part = |start_s: f64, end_s: f64| MeasuredSpan {
+            start_s: start_s.max(window.start_s),
+            end_s: end_s.min(window.end_s),
+            ..window.clone()
+        };
+        let fall = MeasuredSpan {
+            action: Some("fall".into()),
+            ..part(8.0, 10.0)
+        };
+        let all = [part(0.0, 8.0), fall, part(10.0, 1e3)];
+        let measured: Vec<MeasuredSpan> = (all.into_iter())
+            .filter(|span| span.end_s - span.start_s > 0.5)
+            .collect();
+        Described::Sentence {
+            caption: window.caption.text.clone(),
+            actions: measured.iter().filter_map(|s| s.action.clone()).collect(),
+            confidence: Some(0.9),
+            measured,
+        }
+    }
+}
+
+#[test]
+fn who_fell_and_is_measured_to_walk_is_up_if_the_track_goes_as_far() {
+    let run = |speed_mps: f32| {
+        let options = PipelineOptions::default();
+        let describer = Box::new(FallsThenWalks);
+        let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+        let mut outputs = Vec::new();
+        for n in 0..350u32 {
+            // Lower than somebody is taken to be up by the points.
+            let x_m = speed_mps * (n as f32 / 10.0 - 10.0).max(0.0) + 0.02 * (n as f32 * 0.5).sin();
+            let low = PointFrame {
+                points: body(x_m.min(4.0), 0.4),
+                ..frame(n)
+            };
+            outputs.extend(pipeline.push_frame(low, Arrival::Replayed(START_MS), true));
+        }
+        let said = outputs.iter().filter_map(|output| match output {
+            Output::Message(stamp, Body::Now(now)) if stamp.t_s > 13.0 => {
+                Some((now.caption.clone()?, now.label.clone()))
+            }
+            _ => None,
+        });
+        let kinds = events(&outputs).into_iter().map(|(_, kind)| kind);
+        let kinds: Vec<EventKind> = kinds.filter(|kind| *kind != EventKind::Present).collect();
+        (kinds, said.collect::<Vec<_>>())
+    };
+    let (kinds, said) = run(0.8);
+    assert_eq!(kinds, [EventKind::Suspected, EventKind::Dismissed]);
+    assert_eq!(said.last().unwrap().1, "walk");
+    // The place trembles: the person has fallen, and no more is said than that the person is there.
+    let (kinds, said) = run(0.0);
+    assert_eq!(kinds, [EventKind::Suspected, EventKind::Confirmed]);
+    for (caption, label) in said {
+        let last = caption.rsplit(", then ").next().unwrap();
+        assert!(last.contains("is there"), "{caption}");
+        assert!(
+            ["unsure", "fall"].contains(&&label[..]),
+            "{caption}: {label}"
+        );
+    }
 }
 
 #[test]
@@ -518,7 +601,6 @@ impl Describe for Recovering {
                 actions: vec!["walk".into()],
                 confidence: Some(0.7),
                 measured: Vec::new(),
-                spans: Vec::new(),
             },
         }
     }

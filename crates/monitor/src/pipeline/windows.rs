@@ -23,6 +23,8 @@ pub struct WindowOptions {
     pub stride_s: f64,
     /// Time for which a person is tracked before the first window, s; the length of a window if that is less.
     pub min_tracked_s: f64,
+    /// Time before a window that comes with it, s.
+    pub earlier_s: f64,
 }
 
 impl Default for WindowOptions {
@@ -31,6 +33,7 @@ impl Default for WindowOptions {
             window_s: 6.0,
             stride_s: 2.0,
             min_tracked_s: 3.0,
+            earlier_s: 30.0,
         }
     }
 }
@@ -42,6 +45,8 @@ pub struct Window {
     pub person: u32,
     /// All frames of the window, with this person's points; without points where the person was not detected.
     pub frames: Vec<PointFrame>,
+    /// The frames before the window.
+    pub earlier: Vec<PointFrame>,
     /// Where the person is, m, to the right of the radar and away from it.
     pub place_m: [f64; 2],
 }
@@ -79,7 +84,7 @@ pub struct TrackChanges {
 pub struct Windows {
     options: WindowOptions,
     people: BTreeMap<u32, Track>,
-    /// All points of the last seconds.
+    /// All points of the last seconds: of the windows, and of the time before them.
     room: VecDeque<PointFrame>,
     /// What the radar reported in this time, static points as well; empty if there is no static clutter.
     reported: VecDeque<PointFrame>,
@@ -113,6 +118,7 @@ impl Windows {
             [0.0, 9.6],
             "0 to 9.6 s",
         )?;
+        within("earlier_s", options.earlier_s, [0.0, 60.0], "0 to 60 s")?;
         options.min_tracked_s = options.min_tracked_s.min(options.window_s);
         Ok(Self {
             options,
@@ -134,7 +140,7 @@ impl Windows {
         people: &[PersonFrame],
         is_occupied: bool,
     ) -> TrackChanges {
-        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        let oldest_s = self.begins_s(frame.time_s) - self.options.earlier_s;
         keep(&mut self.room, frame.clone(), oldest_s);
         for person in people {
             let track = self.people.entry(person.person).or_default();
@@ -180,8 +186,26 @@ impl Windows {
 
     /// Everything that the radar reported in the next frame, before it is pushed.
     pub fn report(&mut self, frame: PointFrame) {
-        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        let oldest_s = self.begins_s(frame.time_s);
         keep(&mut self.reported, frame, oldest_s);
+    }
+
+    /// When a window begins that ends at a time, s.
+    fn begins_s(&self, end_s: f64) -> f64 {
+        end_s - self.options.window_s + ROUNDING_S
+    }
+
+    /// The window of a person, of these frames.
+    fn window(&self, person: u32, place_m: [f64; 2], frames: &VecDeque<PointFrame>) -> Window {
+        let end_s = frames.back().map_or(0.0, |f| f.time_s);
+        let begins_s = self.begins_s(end_s);
+        let n_earlier = frames.partition_point(|f| f.time_s < begins_s);
+        Window {
+            person,
+            frames: frames.range(n_earlier..).cloned().collect(),
+            earlier: frames.range(..n_earlier).cloned().collect(),
+            place_m,
+        }
     }
 
     /// What the radar reported in the time of the windows that end with the last frame, if that is kept.
@@ -230,23 +254,13 @@ impl Windows {
         let mut there = tracked.chain(self.lingering);
         let windows: Vec<Window> = match (there.next(), there.next()) {
             (Some((person, place_m)), None) if self.is_settled => {
-                let frames = self.room.iter().cloned().collect();
-                vec![Window {
-                    person,
-                    frames,
-                    place_m,
-                }]
+                vec![self.window(person, place_m, &self.room)]
             }
             (Some(_), None) => Vec::new(),
             (None, _) => self.untracked().into_iter().collect(),
-            _ => {
-                let window = |(person, track): (&u32, &Track)| Window {
-                    person: *person,
-                    frames: track.frames.iter().cloned().collect(),
-                    place_m: track.place_m,
-                };
-                self.people.iter().map(window).collect()
-            }
+            _ => (self.people.iter())
+                .map(|(person, track)| self.window(*person, track.place_m, &track.frames))
+                .collect(),
         };
         let is_long =
             |w: &Window| w.end_s() - w.start_s() >= self.options.min_tracked_s - ROUNDING_S;
@@ -255,15 +269,13 @@ impl Windows {
 
     /// All points of the room, as those of somebody who cannot be tracked, if there are any.
     fn untracked(&self) -> Option<Window> {
+        let mut window = self.window(UNTRACKED, [0.0; 2], &self.room);
         let middle = |axis: fn(&RadarPoint) -> f32| {
-            let points = self.room.iter().flat_map(|f| &f.points);
+            let points = window.frames.iter().flat_map(|f| &f.points);
             median_upper(points.map(axis)).map(f64::from)
         };
-        Some(Window {
-            person: UNTRACKED,
-            place_m: [middle(|p| p.x_m)?, middle(|p| p.y_m)?],
-            frames: self.room.iter().cloned().collect(),
-        })
+        window.place_m = [middle(|p| p.x_m)?, middle(|p| p.y_m)?];
+        Some(window)
     }
 
     /// Forgets everybody.
@@ -337,6 +349,14 @@ mod tests {
             (6.1, 12.0, 60),
         ];
         assert_eq!(spans, expected);
+        // With the time before it, up to half a minute.
+        let earlier = |w: &Window| (w.earlier.len(), w.earlier.last().map(|f| f.frame));
+        assert_eq!(earlier(&found[1]), (1, Some(0)));
+        assert_eq!(earlier(&found[4]), (61, Some(60)));
+        for n in 121..500 {
+            windows.push(&frame(n), &[person(1, 3)], true);
+        }
+        assert_eq!(earlier(&windows.take()[0]), (300, Some(439)));
         // One person has all points of the room.
         assert_eq!((found[1].n_points(), found[1].place_m), (300, [0.5, 2.0]));
         assert!(!windows.is_partly_new());
