@@ -178,8 +178,14 @@ pub fn actions(captioner: &Captioner) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
     use radarllm::{Clutter, Provenance, Site};
-    use radarllm_base::{BoardReport, BoardTrack, PointFrame, RadarPoint};
+    use radarllm_base::{BoardReport, BoardTrack, PointFrame, RadarPoint, random::SplitMix64};
+    use radarllm_monitor::messages::{Body, FallState, PresenceState};
+    use radarllm_monitor::pipeline::{Arrival, Output, Pipeline, PipelineOptions};
+    use radarllm_monitor::rows::Activity;
 
     use super::*;
 
@@ -366,5 +372,142 @@ mod tests {
         let is_fall = |span: &MeasuredSpan| span.action.as_deref() == Some("fall");
         assert!(measured.iter().any(is_fall), "{measured:?}");
         assert!(!stated(None).0.contains(&"fall".to_string()));
+    }
+
+    /// Frames of somebody who does one thing after another before a board that tracks: walks, crawls, stands, sits, lies, falls,
+    /// is lost, and is found again under the same number or another one.
+    fn tracked_frames(random: &mut SplitMix64) -> Vec<PointFrame> {
+        const STANDS_M: f64 = 0.2;
+        let (mut id, mut is_seen) = (1, true);
+        let (mut place_m, mut height_m) = ([0.0, 3.0], STANDS_M);
+        let mut frames: Vec<PointFrame> = Vec::new();
+        while frames.len() < 1_500 {
+            let to_m = [
+                random.uniform_f64() * 4.0 - 2.0,
+                1.0 + random.uniform_f64() * 4.0,
+            ];
+            let (mut goes, mut to_height_m, mut fall_s) = (false, STANDS_M, 0.5);
+            match random.below(8) {
+                0 | 1 => goes = true,
+                2 => (goes, to_height_m) = (true, -1.1),
+                3 => {}
+                4 => to_height_m = -0.4,
+                5 => to_height_m = -1.2,
+                6 => (to_height_m, fall_s) = (-1.2, 0.2),
+                _ => {
+                    is_seen = !is_seen;
+                    id += random.below(2) as u32;
+                }
+            }
+            let n = 10 + random.below(150);
+            let from_m = place_m;
+            for k in 0..n {
+                let share = k as f64 / n as f64;
+                if goes {
+                    place_m = [0, 1].map(|axis| from_m[axis] + share * (to_m[axis] - from_m[axis]));
+                }
+                let step_m = (to_height_m - height_m) * 0.05 / fall_s;
+                height_m += step_m;
+                let i = frames.len() as u32;
+                let trembles = |random: &mut SplitMix64| 0.1 * (random.uniform_f64() - 0.5);
+                let track = BoardTrack {
+                    id,
+                    place_m: place_m.map(|m| (m + trembles(random)) as f32),
+                    height_m: Some((height_m + trembles(random)) as f32),
+                    velocity_mps: [0.0, 0.0, 10.0 * step_m as f32],
+                };
+                frames.push(PointFrame {
+                    frame: i,
+                    time_s: f64::from(i) / 10.0,
+                    points: Vec::new(),
+                    board: Some(BoardReport {
+                        tracks: is_seen.then_some(track).into_iter().collect(),
+                        is_present: None,
+                    }),
+                });
+            }
+        }
+        frames
+    }
+
+    /// The postures of actions; those that do not exclude each other have the same one.
+    fn is_up(action: &str) -> Option<bool> {
+        match action {
+            "walk" | "pace" | STANDS => Some(true),
+            SITS | LIES | "fall" => Some(false),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn what_is_said_at_one_moment_does_not_contradict_itself() {
+        let (mut n_falls, mut n_rows) = (0, 0);
+        for seed in 0..24 {
+            let mut random = SplitMix64::new(seed);
+            let stream = StreamInfo {
+                frame_period_s: 0.1,
+                radar_height_m: 1.5,
+                is_height_assumed: seed % 3 == 0,
+                radar: "board".into(),
+                provenance: "recorded:uart:x".parse().unwrap(),
+                clutter: Clutter::Settled,
+            };
+            let describe = Box::new(Captions::new(Captioner::bundled().unwrap()));
+            let options = PipelineOptions::default();
+            let mut pipeline = Pipeline::new(stream, &options, describe, Arc::default()).unwrap();
+            let (mut fallen, mut presence) = (BTreeMap::new(), PresenceState::Absent);
+            let mut rows: BTreeMap<u64, Activity> = BTreeMap::new();
+            let mut outputs: Vec<Vec<Output>> = (tracked_frames(&mut random).into_iter())
+                .map(|frame| pipeline.push_frame(frame, Arrival::Replayed(0), true))
+                .collect();
+            outputs.push(pipeline.finish());
+            for output in outputs {
+                let mut said = Vec::new();
+                for one in output {
+                    match one {
+                        Output::Row { row, activity, .. } => {
+                            rows.insert(row, activity);
+                        }
+                        Output::Message(_, Body::Presence(now)) => presence = now.state,
+                        Output::Message(_, Body::Fall(fall)) => {
+                            match fall.state {
+                                FallState::Suspected => fallen.insert(fall.id, fall.person),
+                                FallState::Confirmed => None,
+                                _ => fallen.remove(&fall.id),
+                            };
+                            n_falls += usize::from(fall.state == FallState::Suspected);
+                        }
+                        Output::Message(stamp, Body::Now(now)) => said.push((stamp.t_s, now)),
+                        _ => {}
+                    }
+                }
+                for (t_s, now) in said {
+                    let Some(caption) = &now.caption else {
+                        continue;
+                    };
+                    let what = format!("seed {seed}, {t_s} s: {caption:?}, label {}", now.label);
+                    assert_ne!(presence, PresenceState::Absent, "{what}");
+                    let last = caption.rsplit(", then ").next().map(actions_of);
+                    let last = last.and_then(|actions| actions.last().cloned());
+                    if now.label != "unsure" {
+                        assert_eq!(last.as_deref(), Some(&now.label[..]), "{what}");
+                    }
+                    let has_fallen = fallen.values().any(|person| *person == now.person);
+                    let is_up = last.as_deref().and_then(is_up) == Some(true);
+                    assert!(!(has_fallen && is_up), "{what}, and has fallen");
+                }
+            }
+            let rows: Vec<Activity> = rows.into_values().collect();
+            for (i, one) in rows.iter().enumerate() {
+                for other in &rows[i + 1..] {
+                    let both_ms = one.end_ms.min(other.end_ms) - one.start_ms.max(other.start_ms);
+                    let postures = [one, other].map(|row| is_up(&row.action));
+                    let is_one = one.person != other.person || postures.contains(&None);
+                    assert!(is_one || both_ms <= 0, "seed {seed}: {one:?} and {other:?}");
+                }
+            }
+            n_rows += rows.len();
+        }
+        assert!(n_falls > 10 && n_rows > 150, "{n_falls} falls, {n_rows} rows");
     }
 }
