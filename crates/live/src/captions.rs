@@ -295,9 +295,9 @@ mod tests {
             let phase = (t as f32 * 0.8).rem_euclid(6.0);
             1.0 + if phase < 3.0 { phase } else { 6.0 - phase }
         };
-        let standing = window(100.0, |_| 4.0);
+        let standing = window(100.0, |_| 3.0);
         let mut captions = Captions::new(Captioner::bundled().unwrap());
-        // With the stated tilt, the person seems to be 0.8 m lower.
+        // With the stated tilt, the person seems to be 0.6 m lower.
         let before = caption(&mut captions, &standing);
         assert!(!before.contains("stands"), "{before}");
         let mut captions = Captions::new(Captioner::bundled().unwrap());
@@ -508,6 +508,9 @@ mod tests {
             }
             n_rows += rows.len();
         }
-        assert!(n_falls > 10 && n_rows > 150, "{n_falls} falls, {n_rows} rows");
+        assert!(
+            n_falls > 10 && n_rows > 150,
+            "{n_falls} falls, {n_rows} rows"
+        );
     }
 }

@@ -29,5 +29,5 @@ pub mod states;
 pub use people::{Sample, TrackedPerson, tracked_people};
 pub use posture::{Posture, PostureProbabilities};
 pub use sentences::sentence;
-pub use site::{Site, SiteError, SiteLearner};
+pub use site::{Site, SiteDeviation, SiteError, SiteLearner};
 pub use states::{Activity, Before, State, measure};

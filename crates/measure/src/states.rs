@@ -34,6 +34,8 @@ const SURE_BY_POINTS: f32 = 0.86;
 /// none. The second one is for a radar whose height nobody states: it stands or hangs anywhere.
 const SURE_OF_POSTURE: f32 = 0.65;
 const SURE_OF_POSTURE_ASSUMED: f32 = 0.9;
+/// The same in a window of a running radar, which keeps a posture once it is stated, and which will learn its site.
+const SURE_OF_POSTURE_IN_WINDOW: f32 = 0.85;
 /// Probability from which on a posture is clear where the site is known well, and seconds after the beginning in which it counts
 /// for all of them; probability up to which a posture is wrong.
 const CLEAR_POSTURE: f32 = 0.8;
@@ -86,7 +88,7 @@ pub enum Before<'a> {
     Window {
         /// The frames before the window, in whose light its own are seen.
         earlier: &'a [PointFrame],
-        /// The posture of the person at their beginning, if it is known; at that of the window if there are none.
+        /// The posture of the person at the beginning of the window, if it is known.
         posture: Option<Posture>,
     },
 }
@@ -165,7 +167,7 @@ pub fn measure(frames: &[PointFrame], site: &Site, before: Before) -> Option<Vec
             .filter_map(|fall| confirmed(frames, person, fall, site))
             .collect()
     };
-    let start_s = frames.first().map_or(0.0, |frame| frame.time_s);
+    let start_s = (frames.first()).map_or(0.0, |frame| frame.time_s.max(from_s));
     // Who comes later is somebody else.
     let before_of = |person: &TrackedPerson| match before {
         Before::Window { earlier, .. } if person.start_s() - start_s > STILL_TRACKED_S => {
@@ -180,7 +182,7 @@ pub fn measure(frames: &[PointFrame], site: &Site, before: Before) -> Option<Vec
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
         .flat_map(|p| {
-            let states = joined_states(p, site, &falls_of_person(p), before_of(p));
+            let states = joined_states(p, site, &falls_of_person(p), before_of(p), from_s);
             placed(p, since(p, states, from_s))
         })
         .collect();
@@ -212,20 +214,23 @@ pub fn states_of(
     falls: &[Fall],
     before: Before,
 ) -> Vec<State> {
-    placed(person, joined_states(person, site, falls, before))
+    let states = joined_states(person, site, falls, before, f64::NEG_INFINITY);
+    placed(person, states)
 }
 
-/// The same; only the places between beginning and end are not known yet.
+/// The same of a window that begins at `from_s`, with the time before it; only the places between beginning and end are not
+/// known yet.
 fn joined_states(
     person: &TrackedPerson,
     site: &Site,
     falls: &[Fall],
     before: Before,
+    from_s: f64,
 ) -> Vec<State> {
     let seconds = seconds_of(person, site, falls);
     let mut states: Vec<State> = Vec::new();
     let are_down = are_down(&seconds);
-    let activities = activities_of(person, site, &seconds, falls, before);
+    let activities = activities_of(person, site, &seconds, falls, before, from_s);
     for (i, (second, (mut activity, mut probability))) in seconds.iter().zip(activities).enumerate()
     {
         if are_down[i] && activity == Activity::Stays(Posture::Sitting) {
@@ -285,7 +290,7 @@ fn joined_states(
         let is_known = site.is_known_at(state.distances_m()[1]);
         // Who has just fallen lies where the height says so, even if it is not certain.
         if let Activity::Stays(_) = state.activity
-            && state.probability < sure_of_posture(site)
+            && state.probability < sure_of_posture(site, before)
             && !is_known
             && !has_fallen
         {
@@ -361,10 +366,11 @@ fn turns(distances_m: &[f32]) -> usize {
     n
 }
 
-fn sure_of_posture(site: &Site) -> f32 {
-    match site.is_height_assumed {
-        true => SURE_OF_POSTURE_ASSUMED,
-        false => SURE_OF_POSTURE,
+fn sure_of_posture(site: &Site, before: Before) -> f32 {
+    match (site.is_height_assumed, before) {
+        (true, _) => SURE_OF_POSTURE_ASSUMED,
+        (false, Before::Window { .. }) => SURE_OF_POSTURE_IN_WINDOW,
+        (false, _) => SURE_OF_POSTURE,
     }
 }
 
@@ -533,6 +539,7 @@ fn activities_of(
     seconds: &[Second],
     falls: &[Fall],
     before: Before,
+    from_s: f64,
 ) -> Vec<(Activity, f32)> {
     let mut activities: Vec<(Activity, f32)> = Vec::with_capacity(seconds.len());
     let seen: Vec<Seen> = (0..seconds.len())
@@ -541,7 +548,11 @@ fn activities_of(
     let mut kept = match before {
         Before::Nothing => None,
         Before::Part(known) => (known.iter().find(|known| known.0 == person.track)).map(|k| k.1),
+        Before::Window { posture, .. } => posture.filter(|_| from_s == f64::NEG_INFINITY),
+    };
+    let at_window = match before {
         Before::Window { posture, .. } => posture,
+        Before::Nothing | Before::Part(_) => None,
     };
     // Runs of seconds in which the person stays, walks or falls.
     let mut at = 0;
@@ -562,12 +573,19 @@ fn activities_of(
                 let states_unsure = !matches!(before, Before::Window { .. }) || is_after_fall;
                 let [x_m, y_m] = seconds[span.start].places_m[0];
                 let is_known = site.is_known_at(x_m.hypot(y_m));
-                let sure = (!is_known).then(|| sure_of_posture(site));
-                let postures = postures_of(&run, &mut kept, states_unsure, sure);
-                activities.extend(postures.into_iter().map(|posture| match posture {
-                    Some((posture, probability)) => (Activity::Stays(posture), probability),
-                    None => (Activity::StaysSomehow, 1.0),
-                }));
+                let sure = (!is_known).then(|| sure_of_posture(site, before));
+                // What was said of the beginning of the window is known there.
+                let n_earlier = seconds[span].partition_point(|second| second.start_s < from_s);
+                for (part, known) in [(&run[..n_earlier], None), (&run[n_earlier..], at_window)] {
+                    kept = known
+                        .filter(|_| (1..run.len()).contains(&n_earlier))
+                        .or(kept);
+                    let postures = postures_of(part, &mut kept, states_unsure, sure);
+                    activities.extend(postures.into_iter().map(|posture| match posture {
+                        Some((posture, probability)) => (Activity::Stays(posture), probability),
+                        None => (Activity::StaysSomehow, 1.0),
+                    }));
+                }
             }
             Seen::Other(activity, _) => {
                 if activity != Activity::StaysSomehow && !is_shift(person, &seconds[span]) {
@@ -994,7 +1012,8 @@ mod tests {
     /// Who takes the chair along sits at two places; who leans forward for a moment at one.
     #[test]
     fn a_window_is_seen_in_the_light_of_the_time_before() {
-        let site = Site::unlearned("board", 1.5);
+        let mut site = Site::unlearned("board", 1.5);
+        (site.error.tilt_rad, site.error.standing_m) = (0.01, 0.02);
         // Sits down at 20 s; at 38 s the height drifts up for some seconds, as far as that of somebody who stands.
         let at = |t: f64| match t {
             t if t < 15.0 => Some([5.0 - 0.2 * t as f32, 0.15, 0.0]),
@@ -1072,6 +1091,11 @@ mod tests {
         let unlearned = || Site::unlearned("board", 1.5);
         let learned = || Site {
             walking_s: 300.0,
+            error: crate::SiteDeviation {
+                tilt_rad: 0.005,
+                standing_m: 0.02,
+                distance_m: 2.5,
+            },
             ..unlearned()
         };
         // A radar whose height nobody states may be half a metre higher or lower.
@@ -1091,6 +1115,11 @@ mod tests {
     fn a_posture_changes_with_a_step_of_the_height() {
         let site = Site {
             walking_s: 300.0,
+            error: crate::SiteDeviation {
+                tilt_rad: 0.005,
+                standing_m: 0.02,
+                distance_m: 2.5,
+            },
             ..Site::unlearned("board", 1.5)
         };
         let found = |below_m: &dyn Fn(f32) -> f32, seconds: f64, before: Before| {

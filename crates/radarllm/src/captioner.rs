@@ -172,8 +172,8 @@ impl Captioner {
         Ok(findings.description(clip.duration_s()))
     }
 
-    /// Describes a window of one person before a running radar. `earlier` are the frames before it, at whose beginning the person
-    /// was in this posture, if it is known.
+    /// Describes a window of one person before a running radar. `earlier` are the frames before it; at its beginning
+    /// the person was in this posture, if it is known.
     ///
     /// # Errors
     /// As [`Self::describe_prepared`].

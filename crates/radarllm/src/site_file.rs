@@ -4,12 +4,13 @@ use std::path::Path;
 
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_io::{Error, Result};
-use radarllm_measure::Site;
+use radarllm_measure::{Site, SiteDeviation};
 use serde::{Deserialize, Serialize};
 
 /// Angles are at most this large, degrees, and heights this far from the radar, m.
 const MAX_TILT_DEG: f32 = 90.0;
 const MAX_HEIGHT_M: f32 = 10.0;
+const MAX_DISTANCE_M: f32 = 300.0;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -22,6 +23,10 @@ struct SiteToml {
     standing_m: f32,
     /// Time of walking by which it was learned, s.
     walking_s: f32,
+    /// Standard deviations of the tilt, degrees, and of the standing height at a distance, m.
+    tilt_error_deg: f32,
+    standing_error_m: f32,
+    known_at_m: f32,
     /// Stated height of the radar above the floor where it was learned, m.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     stated_height_m: Option<f32>,
@@ -37,6 +42,9 @@ pub fn site_to_toml(site: &Site) -> Result<String> {
         tilt_deg: site.tilt_rad.to_degrees(),
         standing_m: site.standing_m,
         walking_s: site.walking_s,
+        tilt_error_deg: site.error.tilt_rad.to_degrees(),
+        standing_error_m: site.error.standing_m,
+        known_at_m: site.error.distance_m,
         stated_height_m: site.stated_height_m,
     };
     toml::to_string(&file).map_err(Error::wrap)
@@ -52,6 +60,9 @@ pub fn read_site(path: &Path) -> Result<Site> {
     let limits = [
         ("tilt_deg", file.tilt_deg, MAX_TILT_DEG),
         ("standing_m", file.standing_m, MAX_HEIGHT_M),
+        ("tilt_error_deg", file.tilt_error_deg, MAX_TILT_DEG),
+        ("standing_error_m", file.standing_error_m, MAX_HEIGHT_M),
+        ("known_at_m", file.known_at_m, MAX_DISTANCE_M),
         (
             "stated_height_m",
             file.stated_height_m.unwrap_or_default(),
@@ -71,6 +82,11 @@ pub fn read_site(path: &Path) -> Result<Site> {
         tilt_rad: file.tilt_deg.to_radians(),
         standing_m: file.standing_m,
         walking_s: file.walking_s.max(0.0),
+        error: SiteDeviation {
+            tilt_rad: file.tilt_error_deg.to_radians().abs(),
+            standing_m: file.standing_error_m.abs(),
+            distance_m: file.known_at_m,
+        },
         is_height_assumed: false,
         stated_height_m: file.stated_height_m,
     })
@@ -89,6 +105,11 @@ mod tests {
             tilt_rad: 0.2,
             standing_m: -0.3,
             walking_s: 42.0,
+            error: SiteDeviation {
+                tilt_rad: 0.01,
+                standing_m: 0.03,
+                distance_m: 2.5,
+            },
             is_height_assumed: false,
             stated_height_m: Some(1.5),
         };

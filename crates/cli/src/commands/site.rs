@@ -39,6 +39,10 @@ struct Report {
     standing_m: f32,
     radar_height_m: f32,
     walking_s: f32,
+    /// Standard deviations: of the tilt, degrees, and of the standing height, m, at a distance from the radar, m.
+    tilt_error_deg: f32,
+    standing_error_m: f32,
+    known_at_m: f32,
 }
 
 /// Time between recordings that are learned from together, s: nobody is tracked from one into the next.
@@ -103,14 +107,23 @@ pub(crate) fn run(args: &SiteArgs) -> CliResult {
         standing_m: site.standing_m,
         radar_height_m: site.radar_height_m(),
         walking_s: site.walking_s,
+        tilt_error_deg: site.error.tilt_rad.to_degrees(),
+        standing_error_m: site.error.standing_m,
+        known_at_m: site.error.distance_m,
     };
     if args.json {
         return output::print_json(&report);
     }
     output::print_line(&format!(
-        "{}: by {:.0} s of walking\n    tilt: {:+.1} degrees more than stated\n    a standing person is tracked {:.2} m \
-         above the radar, so that the radar is {:.2} m above the floor",
-        report.radar, report.walking_s, report.tilt_deg, report.standing_m, report.radar_height_m
+        "{}: by {:.0} s of walking\n    tilt: {:+.1} ± {:.1} degrees more than stated\n    a standing person is tracked \
+         {:.2} ± {:.2} m above the radar, so that the radar is {:.2} m above the floor",
+        report.radar,
+        report.walking_s,
+        report.tilt_deg,
+        report.tilt_error_deg,
+        report.standing_m,
+        report.standing_error_m,
+        report.radar_height_m
     ));
     Ok(())
 }

@@ -74,7 +74,7 @@ pub struct WindowContext {
     pub reported: Option<Clip>,
     /// The frames of the person before the window, at most [`WindowOptions::earlier_s`].
     pub earlier: Vec<PointFrame>,
-    /// The action that was measured of the person at the beginning of these frames, or of the window if there are none.
+    /// The action that was measured of the person at the beginning of the window.
     pub before: Option<String>,
 }
 
@@ -490,7 +490,6 @@ impl Pipeline {
 
     fn describe_person(&mut self, window: Window, is_alone: bool, out: &mut Vec<Output>) {
         let (start_s, end_s, n_points) = (window.start_s(), window.end_s(), window.n_points());
-        let earlier_s = window.earlier.first().map_or(start_s, |f| f.time_s);
         let clip = Clip {
             frames: window.frames,
             frame_rate_hz: 1.0 / self.stream.frame_period_s,
@@ -505,7 +504,7 @@ impl Pipeline {
         let context = WindowContext {
             reported: reported.map(|frames| clip.with_frames(frames)),
             earlier: window.earlier,
-            before: (self.activities.measured_at(window.person, earlier_s)).map(String::from),
+            before: (self.activities.measured_at(window.person, start_s)).map(String::from),
         };
         let described = self.describe.describe(&clip, context);
         match &described {
