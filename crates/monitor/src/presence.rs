@@ -12,7 +12,7 @@
 //!
 //! A person who sits still has no points, and the tracker forgets the person; this is why occupancy is held. Of each
 //! person who disappeared it is known whether it was in a door. Whoever appears outside of the doors is one of those who
-//! disappeared, as far as there are any.
+//! disappeared, as far as there are any; somebody else is remembered only after having been tracked for `occupancy_on_s`.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -126,6 +126,8 @@ pub struct Fallen {
 #[derive(Clone, Copy, Debug)]
 struct Inside {
     since_s: f64,
+    /// Whether somebody who disappeared is back: noise that is tracked for a moment is nobody.
+    is_back: bool,
     /// Where the person was last detected.
     seen_m: [f64; 2],
 }
@@ -236,6 +238,7 @@ impl PresenceMonitor {
         let mut left = Vec::new();
         let (zones, missing) = (&self.zones, &mut self.missing);
         let (now_s, is_occupied) = (self.now_s, self.presence.is_occupied());
+        let on_s = self.options.occupancy_on_s;
         // Whoever fell in a door disappears there without having left.
         let lies_in_door = |person: u32| {
             let mut fallen = self.fallen.iter().filter(|f| f.person == Some(person));
@@ -245,7 +248,10 @@ impl PresenceMonitor {
             let stays = there.contains(&person);
             if !stays && zones.is_door(inside.seen_m) && !lies_in_door(person) {
                 left.push(person);
-            } else if !stays && is_occupied {
+            } else if !stays
+                && is_occupied
+                && (inside.is_back || has_passed(inside.since_s, now_s, on_s))
+            {
                 missing.push(Missing {
                     person: Some(person),
                     fall: None,
@@ -271,14 +277,16 @@ impl PresenceMonitor {
                 }
                 continue;
             }
+            let back = self.who_is_back(one);
+            if let Some(found) = back {
+                self.missing.remove(found);
+            }
             let inside = Inside {
                 since_s: self.now_s,
+                is_back: back.is_some(),
                 seen_m: one.place_m,
             };
             self.inside.insert(one.person, inside);
-            if let Some(found) = self.who_is_back(one) {
-                self.missing.remove(found);
-            }
         }
     }
 
@@ -432,6 +440,26 @@ mod tests {
             assert!(run(&mut monitor, [10 * i, 10 * i + 10], &people).is_empty());
         }
         assert!(run(&mut monitor, [100, 110], &[]).is_empty());
+        // Beside somebody, it is not remembered either; whoever was there for longer is.
+        let held_after = |n: u32| {
+            let mut monitor = self::monitor();
+            run(&mut monitor, [0, 50], &[person(1, ROOM, 0.0)]);
+            let beside = [person(1, ROOM, 0.0), person(2, [-1.0, 3.0], 0.0)];
+            run(&mut monitor, [50, 50 + n], &beside);
+            let end_s = f64::from(50 + n) * 0.1;
+            monitor.push(end_s, &[person(1, ROOM, 0.0)]).n_held
+        };
+        assert_eq!([held_after(3), held_after(20)], [0, 1]);
+        // Somebody who sits and is seen for a moment every 20 s is there.
+        let mut monitor = self::monitor();
+        run(&mut monitor, [0, 20], &[person(1, ROOM, 0.0)]);
+        for i in 1..10 {
+            let at = 200 * i;
+            run(&mut monitor, [at - 180, at], &[]);
+            assert_eq!(monitor.presence(), Presence::Held);
+            run(&mut monitor, [at, at + 3], &[person(i + 1, ROOM, 0.0)]);
+            run(&mut monitor, [at + 3, at + 20], &[]);
+        }
     }
 
     #[test]

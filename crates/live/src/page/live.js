@@ -53,7 +53,8 @@ function showNow() {
   if (text === shownNow) return;
   shownNow = text;
   const blocks = told.map(now => {
-    const said = element("p", "said", now.caption || NOTHING[now.label] || words(now.label));
+    const isSilent = now.person == null && now.label !== "nobody";
+    const said = element("p", "said", now.caption || (isSilent ? "The radar is silent." : NOTHING[now.label]) || words(now.label));
     const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), now.window_s ? `last ${now.window_s.toFixed(1)} s` : "", "provisional"];
     const note = element("p", "small dim", notes.filter(Boolean).join(" \u00b7 "));
     return element("div", "", said, note);

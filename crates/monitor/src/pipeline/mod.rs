@@ -37,7 +37,7 @@ use crate::counters::Counters;
 use crate::falls::{EarlierFall, FALL, FallEvent, FallState, SuspectBy};
 use crate::measured::{self, MeasuredSpan};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
-use crate::options::{OptionError, has_passed, within};
+use crate::options::{OptionError, has_passed, is_over, within};
 use crate::people::UNTRACKED;
 use crate::presence::{Presence, PresenceUpdate};
 use crate::rows::{Activity, Event, EventKind};
@@ -53,6 +53,8 @@ use windows::{Window, WindowOptions, Windows};
 
 /// Time after which another number of people is published, s: the tracker has some people twice for a moment.
 const PEOPLE_S: f64 = 2.0;
+/// Time for which somebody was not measured at the end of a window of whom nothing is said then, s.
+const UNSEEN_S: f64 = 2.0;
 /// Time between two messages about the health, s.
 const HEALTH_S: f64 = 5.0;
 
@@ -191,6 +193,17 @@ fn remove_points(frame: &mut PointFrame, indices: &[u32]) {
     });
 }
 
+/// What the newest message about what is done says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Newest {
+    /// What somebody does.
+    OfSomebody,
+    /// That nobody is there.
+    OfNobody,
+    /// That the radar is silent.
+    OfSilence,
+}
+
 /// The state of a running radar.
 pub struct Pipeline {
     stream: StreamInfo,
@@ -205,8 +218,7 @@ pub struct Pipeline {
     describe: Box<dyn Describe>,
     counters: Arc<Counters>,
     source: SourceState,
-    /// Whether the newest message says that nobody is there.
-    is_absence_published: bool,
+    newest: Newest,
     /// Whether the last window showed somebody who is not tracked.
     is_untracked_present: bool,
     is_occupied: bool,
@@ -255,7 +267,7 @@ impl Pipeline {
             describe,
             counters,
             source: SourceState::Ok,
-            is_absence_published: false,
+            newest: Newest::OfSomebody,
             is_untracked_present: false,
             is_occupied: false,
             n_people: 0,
@@ -336,7 +348,7 @@ impl Pipeline {
             self.describe_people(may_describe, &mut out);
         }
         if let Some(somebody) = seen.people.first() {
-            if std::mem::replace(&mut self.is_absence_published, false) {
+            if std::mem::replace(&mut self.newest, Newest::OfSomebody) != Newest::OfSomebody {
                 let reason = Some("no window has ended yet".into());
                 let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
                 out.push(self.message(Body::Now(now)));
@@ -344,7 +356,7 @@ impl Pipeline {
         } else if !self.windows.is_lingering()
             && !self.is_untracked_present
             && self.watch.open_falls().is_empty()
-            && !std::mem::replace(&mut self.is_absence_published, true)
+            && std::mem::replace(&mut self.newest, Newest::OfNobody) != Newest::OfNobody
         {
             let now = self.now(None, None, None, Label::Nobody.name());
             out.push(self.message(Body::Now(now)));
@@ -363,6 +375,11 @@ impl Pipeline {
         let mut out = self.end_windows(&self.clock.clone());
         let update = self.watch.reset_presence();
         self.presence_changed(&update, &mut out);
+        if std::mem::replace(&mut self.newest, Newest::OfSilence) != Newest::OfSilence {
+            // The newest sentence is old from now on.
+            let now = self.now(None, None, Some(reason.into()), Label::Unseen.name());
+            out.push(self.message(Body::Now(now)));
+        }
         let data = serde_json::json!({ "reason": reason });
         out.push(self.event(EventKind::SourceLost, None, Some(data)));
         out.push(self.health());
@@ -523,12 +540,12 @@ impl Pipeline {
                 return;
             }
             self.is_untracked_present = true;
-            self.is_absence_published = false;
+            self.newest = Newest::OfSomebody;
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);
         }
         let (mut caption, mut actions, mut spans) = (None, Vec::new(), Vec::new());
-        let reason = match described {
+        let mut reason = match described {
             Described::Sentence {
                 caption: text,
                 actions: stated,
@@ -565,6 +582,13 @@ impl Pipeline {
             }
             Described::Failed { error } => Some(model_problem(&error)),
         };
+        if let Some(last) = spans.last()
+            && is_over(last.end_s, end_s, UNSEEN_S)
+        {
+            // What was done before is in the rows.
+            caption = None;
+            reason = Some(format!("not seen for {:.0} s", end_s - last.end_s));
+        }
         let heights = Heights::of(&clip.frames, self.stream.radar_height_m);
         let is_measured = |action: &String| {
             let mut spans = spans.iter();

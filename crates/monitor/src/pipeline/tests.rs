@@ -431,10 +431,23 @@ fn a_silent_radar_ends_rows_and_presence() {
         })
     };
     assert_eq!(state(&lost), Some(SourceState::Lost));
+    // The newest sentence is not left standing.
+    let said = |outputs: &[Output]| {
+        let mut said = outputs.iter().rev().filter_map(|output| match output {
+            Output::Message(_, Body::Now(now)) => Some((now.label.clone(), now.reason.clone())),
+            _ => None,
+        });
+        said.next()
+    };
+    assert_eq!(
+        said(&lost),
+        Some(("unseen".into(), Some("unplugged".into())))
+    );
     outputs.extend(lost);
     outputs.extend(pipeline.source_back(at_ms(200)));
     let after = pipeline.push_frame(frame(0), Arrival::At(at_ms(201)), true);
     assert_eq!(state(&after), Some(SourceState::Ok));
+    assert_eq!(said(&after), Some(("nobody".into(), None)));
     outputs.extend(after);
     let kinds: Vec<EventKind> = events(&outputs).iter().map(|(_, kind)| *kind).collect();
     let expected = [
