@@ -76,14 +76,17 @@ pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
         return open_builtin(input, seed);
     }
     let path = Path::new(input);
+    if path.is_dir() {
+        let error = Error::in_file(path, "is a folder, and no recording was found in it");
+        return Err(error.with_hint(
+            "of folders, those of TI's visualizers (replay_1.json, ...), of raw captures and of single frames are read as \
+             one recording; name the files of other folders",
+        ));
+    }
     let loaded = load_motion_file(path).map_err(|e| {
         let (kind, hint) = if !path.exists() {
             let hint = "there is no such file, folder or port; built-in motions are builtin:NAME";
             (ErrorKind::NotFound, hint)
-        } else if path.is_dir() {
-            let hint = "of folders, those of TI's visualizers (replay_1.json, ...), of raw captures and of single frames \
-                        are read as one recording; name the files of other folders";
-            (ErrorKind::Input, hint)
         } else {
             let hint = "recordings: --format names the format of one that is not recognised; motions: .bvh, .amc (with \
                         its .asf), AMASS .npz, HumanML3D .npy, or builtin:NAME";

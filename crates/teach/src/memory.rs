@@ -100,6 +100,12 @@ pub enum TeachError {
         /// Its length, s.
         seconds: f64,
     },
+    /// The board tracks nobody in the recording.
+    #[error("{recording}: the board, which tracks people, tracks nobody in it")]
+    Nobody {
+        /// The recording.
+        recording: String,
+    },
     /// A name or sentence that cannot be kept.
     #[error("{what}: must have 1 to {max} characters, without line breaks")]
     Text {
@@ -225,7 +231,7 @@ impl Memory {
     /// (`PreparedClip::moving` of `radarllm-inference`), as the clips in which it is to be recognised.
     ///
     /// # Errors
-    /// Too few points, a text that cannot be kept, or a recording that is an example already. The memory is unchanged
+    /// Too few points, a board that tracks nobody in it, a text that cannot be kept, or a recording that is an example already. The memory is unchanged
     /// then.
     pub fn teach(
         &mut self,
@@ -450,6 +456,10 @@ impl Example {
             .filter_map(|w| w.features)
             .collect();
         let source = clip.provenance.input().to_string();
+        let mut reports = clip.frames.iter().flat_map(|frame| &frame.board).peekable();
+        if reports.peek().is_some() && reports.all(|report| report.tracks.is_empty()) {
+            return Err(TeachError::Nobody { recording: source });
+        }
         if features.is_empty() {
             return Err(TeachError::TooFewPoints {
                 recording: source,
@@ -485,6 +495,7 @@ fn check_text(what: &'static str, text: &str, max: usize) -> Result<(), TeachErr
 mod tests {
     use std::fs;
 
+    use radarllm_base::BoardReport;
     use radarllm_base::{Clutter, PointFrame, Provenance, RadarPoint};
 
     use super::*;
@@ -585,6 +596,13 @@ mod tests {
             matches!(error, TeachError::TooFewPoints { points: 0, .. }),
             "{error}"
         );
+        // Noise of an empty room before a board that tracks people.
+        let mut noise = clip("d", "isk", 0.1);
+        for frame in &mut noise.frames {
+            frame.board = Some(BoardReport::default());
+        }
+        let error = memory.teach("lie", "a person lies", &noise).unwrap_err();
+        assert!(matches!(error, TeachError::Nobody { .. }), "{error}");
         let error = memory
             .teach("lie", "a person lies", &clip("a", "isk", 0.1))
             .unwrap_err();

@@ -45,6 +45,8 @@ struct Report {
     known_at_m: f32,
 }
 
+/// The radar of recordings that do not name theirs.
+const UNNAMED: &str = "unknown";
 /// Time between recordings that are learned from together, s: nobody is tracked from one into the next.
 const BETWEEN_S: f64 = 10.0;
 
@@ -98,6 +100,12 @@ pub(crate) fn run(args: &SiteArgs) -> CliResult {
         Ok(source.points()?.clip)
     };
     let site = learn(args.recordings.iter().map(open))?;
+    if site.radar == UNNAMED {
+        note!(
+            "warning: the recordings do not name their radar: this site will be taken for that of every recording that \
+             does not, either; --radar names it"
+        );
+    }
     if let Some(out) = &args.out {
         output::write_atomic(out, site_to_toml(&site)?.as_bytes())?;
     }

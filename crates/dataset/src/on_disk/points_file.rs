@@ -554,7 +554,7 @@ fn append_rows(
     let time_s = numbers(path, rows, "t_s", first_row, false)?;
     let mut values = Vec::with_capacity(VALUE_COLUMNS.len());
     for name in VALUE_COLUMNS {
-        values.push(numbers(path, rows, name, first_row, board.is_some())?);
+        values.push(numbers(path, rows, name, first_row, true)?);
     }
     for row in 0..rows.n_rows() {
         let bad = |column: &str, problem: String| DatasetError::Value {
@@ -599,7 +599,6 @@ fn append_rows(
             }),
         }
         let report = board.as_ref().map_or(Ok(None), |board| board.at(row))?;
-        let has_report = report.is_some();
         if let (Some(report), Some(last)) = (report, frames.last_mut()) {
             if last.board.is_some() || !last.points.is_empty() {
                 let problem = format!("frame {frame} has one already, or points before it");
@@ -607,10 +606,8 @@ fn append_rows(
             }
             last.board = Some(report);
         }
+        // A frame without points.
         if values.iter().all(|column| column[row].is_nan()) {
-            if !has_report {
-                return Err(bad(VALUE_COLUMNS[0], "is null".into()));
-            }
             continue;
         }
         let mut v = [0.0_f32; 6];

@@ -234,7 +234,7 @@ fn files_from_elsewhere_are_read_or_refused_with_column_and_row() {
             vec![0, 1, 2],
             vec![0.0, 0.1, 0.2],
             vec![Some(1.0), Some(f64::INFINITY), None],
-            "`x_m`, row 2: is null",
+            "`x_m`, row 1: is inf",
         ),
         (
             vec![0, 1, 2],
@@ -398,7 +398,18 @@ fn damaged_reports_of_a_board_are_refused() {
         changed.columns[at.unwrap()] = column;
         from_tables([changed]).unwrap_err().to_string()
     };
-    // Another type, a point of which one value is missing, and a row without anything.
+    // Without the columns of the board, rows that only report are frames without points.
+    let mut points = table.clone();
+    points
+        .columns
+        .retain(|column| !column.name.starts_with("board_"));
+    let n_points = |frames: &[PointFrame]| -> Vec<usize> {
+        frames.iter().map(|frame| frame.points.len()).collect()
+    };
+    let read_points = from_tables([points]).unwrap().frames;
+    assert_eq!(n_points(&read_points), n_points(&tracked()));
+    assert!(n_points(&read_points).contains(&0));
+    // Another type, and a point of which one value is missing.
     let error = read(Column::new("board_tracks", Values::F64(vec![1.0; n])));
     assert!(
         error.contains("`board_tracks`") && error.contains("64-bit float"),

@@ -155,7 +155,7 @@ impl Coverage {
             }
             _ if !self.watched.known.is_empty() => "what was kept of it was deleted".into(),
             _ if !self.watched.silence.is_empty() => "the radar was silent".into(),
-            _ => "`live` did not run".into(),
+            _ => "`live` did not run, or replayed a recording that has no frames of it".into(),
         };
         match self.has_phrase {
             true => format!("Nothing is known of that time: {why}."),
