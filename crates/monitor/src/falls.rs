@@ -414,7 +414,7 @@ impl FallMonitor {
     }
 
     /// A person was measured to stand, or to walk, for a time that has just ended. A fall of this person ends, if the person has
-    /// been tracked over [`WALK_M`] while walking. The heights of this monitor need not show it: they need a stated height of
+    /// gone 1.5 m within three seconds while walking. The heights of this monitor need not show it: they need a stated height of
     /// the radar, and a board that is not tilted.
     pub fn measured_up(&mut self, person: u32, stands: bool) -> Option<FallEvent> {
         let now_s = self.now_s;
