@@ -1,7 +1,7 @@
 //! What is measured of one person, as rows: every time is decided once.
 //!
 //! Windows overlap, and each of them measures all of its time anew, but does not know yet what follows its last seconds. A
-//! time is decided by the last window that begins before it and ends [`SETTLING_S`] or more after it, so that a person is in one
+//! time is decided by the last window that begins before it and ends two seconds or more after it, so that a person is in one
 //! posture at a time and a row has the beginning and the end that were measured, not those of windows. Between two
 //! postures lies a change: who walks after sitting has got up.
 
