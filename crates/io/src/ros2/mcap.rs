@@ -225,7 +225,9 @@ fn holds_its_texts(opcode: u8, data: &[u8]) -> bool {
             // Metadata: pairs of texts.
             let (mut pairs, _) = split_counted(rest)?;
             while !pairs.is_empty() {
-                (_, pairs) = split_counted(pairs)?;
+                // The parser reads the second text of a pair behind the end of the others as well.
+                let (_, value) = split_counted(pairs)?;
+                (_, pairs) = split_counted(value)?;
             }
         }
         Some(())
@@ -312,5 +314,10 @@ mod tests {
                 );
             }
         }
+        // Metadata that are no pairs: a key at the end of their length, whose value would begin behind it.
+        let key = text("key");
+        let map = [&u32::try_from(key.len()).unwrap().to_le_bytes()[..], &key].concat();
+        let record = [vec![1, 0, 1, 0], text("/a"), text("cdr"), map].concat();
+        assert!(!holds_its_texts(op::CHANNEL, &record));
     }
 }
