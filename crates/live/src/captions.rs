@@ -509,7 +509,7 @@ mod tests {
             n_rows += rows.len();
         }
         assert!(
-            n_falls > 10 && n_rows > 150,
+            n_falls > 10 && n_rows > 100,
             "{n_falls} falls, {n_rows} rows"
         );
     }

@@ -574,18 +574,24 @@ fn activities_of(
                 let [x_m, y_m] = seconds[span.start].places_m[0];
                 let is_known = site.is_known_at(x_m.hypot(y_m));
                 let sure = (!is_known).then(|| sure_of_posture(site, before));
-                // What was said of the beginning of the window is known there.
+                let before_run = kept;
+                let mut postures = postures_of(&run, &mut kept, states_unsure, sure);
+                // What was said of the beginning of the window is known there, where the time before shows something else.
                 let n_earlier = seconds[span].partition_point(|second| second.start_s < from_s);
-                for (part, known) in [(&run[..n_earlier], None), (&run[n_earlier..], at_window)] {
-                    kept = known
-                        .filter(|_| (1..run.len()).contains(&n_earlier))
-                        .or(kept);
-                    let postures = postures_of(part, &mut kept, states_unsure, sure);
-                    activities.extend(postures.into_iter().map(|posture| match posture {
-                        Some((posture, probability)) => (Activity::Stays(posture), probability),
-                        None => (Activity::StaysSomehow, 1.0),
-                    }));
+                if (1..run.len()).contains(&n_earlier)
+                    && let Some(known) = at_window
+                    && postures[n_earlier - 1].is_none_or(|(posture, _)| posture != known)
+                {
+                    kept = before_run;
+                    let (earlier, own) = run.split_at(n_earlier);
+                    postures = postures_of(earlier, &mut kept, states_unsure, sure);
+                    kept = at_window;
+                    postures.extend(postures_of(own, &mut kept, states_unsure, sure));
                 }
+                activities.extend(postures.into_iter().map(|posture| match posture {
+                    Some((posture, probability)) => (Activity::Stays(posture), probability),
+                    None => (Activity::StaysSomehow, 1.0),
+                }));
             }
             Seen::Other(activity, _) => {
                 if activity != Activity::StaysSomehow && !is_shift(person, &seconds[span]) {

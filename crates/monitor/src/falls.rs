@@ -421,6 +421,8 @@ impl FallMonitor {
         let body = self.bodies.get_mut(&person)?;
         let from_m = match stands {
             true => body.place_m,
+            // Whoever goes as low as on the floor crawls, if the height means something.
+            false if self.suspect_by != SuspectBy::Measuring && body.goes_low() => return None,
             false => body.went_from_m(now_s)?,
         };
         let is_own = |fall: &Fall| fall.tracked_as() == Some(person);
@@ -766,9 +768,17 @@ impl Body {
 
     /// Where the person was at the beginning of the last [`WALK_S`], who walks.
     fn walks_from_m(&self, now_s: f64) -> Option<[f64; 2]> {
-        let heights = self.path.iter().filter_map(|(_, _, height_m)| *height_m);
-        let is_high = median_upper(heights)? > WALK_HEIGHT_M;
+        let is_high = self.path_height_m()? > WALK_HEIGHT_M;
         self.went_from_m(now_s).filter(|_| is_high)
+    }
+
+    /// Whether the person was mostly not above [`WALK_HEIGHT_M`] in the last [`WALK_S`].
+    fn goes_low(&self) -> bool {
+        (self.path_height_m()).is_some_and(|height_m| height_m <= WALK_HEIGHT_M)
+    }
+
+    fn path_height_m(&self) -> Option<f64> {
+        median_upper(self.path.iter().filter_map(|(_, _, height_m)| *height_m))
     }
 
     /// Where the person was at the beginning of the last [`WALK_S`], who went [`WALK_M`] since at any height.

@@ -1,7 +1,7 @@
 //! What is measured of one person, as rows: every time is decided once.
 //!
 //! Windows overlap, and each of them measures all of its time anew, but does not know yet what follows its last seconds. A
-//! time is decided by the last window that begins before it and ends two seconds or more after it, so that a person is in one
+//! time is decided by the last window that begins before it and ends four seconds or more after it, so that a person is in one
 //! posture at a time and a row has the beginning and the end that were measured, not those of windows. Between two
 //! postures lies a change: who walks after sitting has got up.
 
@@ -12,8 +12,9 @@ use crate::clock::MAX_GAP_S;
 use crate::falls::FALL;
 use crate::options::is_over;
 
-/// Time before the end of a window, s, that the next window decides.
-const SETTLING_S: f64 = 2.0;
+/// Time before the end of a window, s, that the next windows decide: a fall is known three seconds after it, and whether
+/// somebody has sat down or only bent, too.
+const SETTLING_S: f64 = 4.0;
 /// Time between two measurements of an action, s, from which on they are two rows.
 const APART_S: f64 = 2.0;
 /// Decided time of a state, s, from which on its row is reported while it goes on.
@@ -78,6 +79,11 @@ impl Timeline {
         let cut_s = self
             .decided_s
             .map_or(reading.start_s, |s| s.max(reading.start_s));
+        if reading.spans.is_empty() {
+            // Nothing was measured: what the window before measured of the same time stays, and ends with the overlap.
+            self.decided_s = Some(cut_s);
+            return self.report(reading.person, cut_s, false, next_row);
+        }
         let mut from_s = self.cut(cut_s);
         for span in &reading.spans {
             let start_s = span.start_s.max(from_s);
@@ -274,30 +280,27 @@ pub(crate) fn is_up(spans: &[MeasuredSpan]) -> Option<bool> {
     (is_sure && last.end_s - last.start_s >= UP_S - ROUNDING_S).then_some(stands)
 }
 
-/// Says of somebody who fell and is not up that the person lies, where the height of the track has it that the person sits: how
-/// low a board tracks who lies depends on the board. Where it is not clear that the person walks or stands, it is said that the
-/// person is there. Returns whether something was changed.
-pub(crate) fn lie_down(spans: &mut [MeasuredSpan]) -> bool {
+/// Says of somebody who fell and is not up that the person is there, where the track has it that the person sits, stands or
+/// walks: it is not clear. Returns whether something was changed.
+pub(crate) fn doubt_after_fall(spans: &mut [MeasuredSpan]) -> bool {
     let fall = spans
         .iter()
         .rposition(|span| span.action.as_deref() == Some(FALL));
     let after = &mut spans[fall.map_or(0, |at| at + 1)..];
     let mut is_changed = false;
     for span in after {
-        let text = &mut span.caption.text;
-        match span.action.as_deref() {
-            Some("sit_still") => {
-                *text = text.replacen("sits", "lies", 1);
-                span.action = Some("lie_still".into());
-            }
-            Some("walk" | "pace" | "stand_still") => {
-                let distance_m = span.caption.place_m.map(|[x_m, y_m]| x_m.hypot(y_m));
-                let at = distance_m.map_or(String::new(), |m| format!(", {m:.1} m away"));
-                *text = format!("a person is there{at}");
-                span.action = None;
-            }
-            _ => continue,
+        let is_other = ["sit_still", "stand_still", "walk", "pace"];
+        if !span
+            .action
+            .as_deref()
+            .is_some_and(|action| is_other.contains(&action))
+        {
+            continue;
         }
+        let distance_m = span.caption.place_m.map(|[x_m, y_m]| x_m.hypot(y_m));
+        let at = distance_m.map_or(String::new(), |m| format!(", {m:.1} m away"));
+        span.caption.text = format!("a person is there{at}");
+        span.action = None;
         is_changed = true;
     }
     is_changed
@@ -459,7 +462,8 @@ mod tests {
 
     #[test]
     fn the_last_seconds_of_a_window_are_decided_by_the_next_one() {
-        // At 6 s the person seems to walk already; the next window has it that the person stood until 6.5 s.
+        // At 6 s the person seems to walk already; the next windows have it that the person stood until 6.5 s, and a later
+        // one until 6 s.
         let windows = [
             vec![span("stand_still", 0.0, 5.0), span("walk", 5.0, 6.0)],
             vec![span("stand_still", 2.0, 6.5), span("walk", 6.5, 8.0)],
@@ -472,9 +476,9 @@ mod tests {
         assert_eq!(
             ended(&found),
             [
-                ("stand_still", 0.0, 6.5),
-                ("walk", 6.5, 10.0),
-                ("stand_still", 10.0, 14.0)
+                ("stand_still", 0.0, 6.0),
+                ("walk", 6.0, 8.0),
+                ("stand_still", 8.0, 14.0)
             ]
         );
         // Reported while it goes on, as far as it is decided.
@@ -482,7 +486,7 @@ mod tests {
             .filter(|row| row.is_open)
             .map(|row| (row.row, row.start_s, row.end_s))
             .collect();
-        assert_eq!(open[..2], [(1, 0.0, 4.0), (1, 0.0, 6.0)]);
+        assert_eq!(open[..3], [(1, 0.0, 2.0), (1, 0.0, 4.0), (1, 0.0, 6.0)]);
         // To and fro or not is one walk.
         let walks = [
             vec![span("walk", 0.0, 6.0)],
@@ -493,23 +497,19 @@ mod tests {
     }
 
     #[test]
-    fn a_window_without_a_measurement_is_bridged_and_two_are_not() {
+    fn windows_without_a_measurement_are_bridged_for_two_seconds() {
         let sits = |number: u32| {
             let start_s = 2.0 * f64::from(number);
             vec![span("sit_still", start_s, start_s + 6.0)]
         };
         let found = rows(&[sits(0), sits(1), Vec::new(), sits(3), sits(4)]);
         assert_eq!(ended(&found), [("sit_still", 0.0, 14.0)]);
-        let found = rows(&[
-            sits(0),
-            sits(1),
-            Vec::new(),
-            Vec::new(),
-            Vec::new(),
-            sits(5),
-        ]);
-        let ended = ended(&found);
-        assert_eq!(ended, [("sit_still", 0.0, 6.0), ("sit_still", 12.0, 16.0)]);
+        let none = Vec::new;
+        let found = rows(&[sits(0), sits(1), none(), none(), none(), none(), sits(6)]);
+        assert_eq!(
+            ended(&found),
+            [("sit_still", 0.0, 8.0), ("sit_still", 12.0, 18.0)]
+        );
     }
 
     #[test]
@@ -533,23 +533,19 @@ mod tests {
     }
 
     #[test]
-    fn who_fell_and_is_not_up_lies_or_is_there() {
+    fn who_fell_and_is_not_up_is_there() {
         let said = |mut spans: Vec<MeasuredSpan>| {
-            let is_changed = lie_down(&mut spans);
+            let is_changed = doubt_after_fall(&mut spans);
             let actions = spans.iter().filter_map(|s| s.action.clone());
             (is_changed, actions.collect::<Vec<_>>(), sentence(&spans))
         };
-        let sits = MeasuredSpan {
-            caption: WindowCaption {
-                text: "a person sits 2.1 m away".into(),
-                ..span("", 0.0, 1.0).caption
-            },
-            ..span("sit_still", 2.0, 6.0)
-        };
+        let sits = span("sit_still", 2.0, 6.0);
         let (is_changed, actions, text) = said(vec![span("fall", 0.0, 2.0), sits.clone()]);
         assert!(is_changed);
-        assert_eq!(actions, ["fall", "lie_still"]);
-        assert_eq!(text, "a person: fall, then lies 2.1 m away");
+        assert_eq!(actions, ["fall"]);
+        assert_eq!(text, "a person: fall, then is there, 2.0 m away");
+        let lies = span("lie_still", 2.0, 6.0);
+        assert!(!said(vec![span("fall", 0.0, 2.0), lies]).0);
         // Before the fall, the person was up.
         let (is_changed, actions, _) = said(vec![span("walk", 0.0, 3.0), span("fall", 3.0, 5.0)]);
         assert!(!is_changed);

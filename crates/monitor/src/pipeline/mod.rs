@@ -322,6 +322,15 @@ impl Pipeline {
         let seen = self.watch.push(&frame);
         self.presence_changed(&seen.presence, &mut out);
         out.extend(seen.falls.iter().flat_map(|event| self.fall(event)));
+        for event in &seen.falls {
+            let is_up = [FallState::Dismissed, FallState::Recovered].contains(&event.state);
+            if is_up && seen.people.iter().any(|one| one.person == event.person) {
+                // The newest sentence was of somebody who lies.
+                let reason = Some("has just got up".into());
+                let now = self.now(Some(event.person), None, reason, Label::Unsure.name());
+                out.push(self.message(Body::Now(now)));
+            }
+        }
         out.push(self.frame_message(&frame, &seen.tracks));
         let is_occupied = seen.presence.presence.is_occupied();
         remove_points(&mut frame, &seen.low_points);
@@ -565,7 +574,7 @@ impl Pipeline {
                 let falls = self.follow_measured(window.person, window.place_m, &spans);
                 out.extend(falls.iter().flat_map(|event| self.fall(event)));
                 if self.has_fallen(window.person)
-                    && measured::lie_down(&mut spans)
+                    && measured::doubt_after_fall(&mut spans)
                     && let Some(caption) = &mut caption
                 {
                     caption.text = measured::sentence(&spans);

@@ -279,6 +279,10 @@ fn who_sat_in_one_window_and_walks_in_the_next_one_has_got_up() {
 struct FallsThenWalks;
 
 impl Describe for FallsThenWalks {
+    fn measures_falls(&self, _: &StreamInfo) -> bool {
+        true
+    }
+
     fn describe(&mut self, clip: &Clip, _: WindowContext) -> Described {
         let window = whole(clip, Some("walk"), "a person walks about 2.5 m away");
         let part = |start_s: f64, end_s: f64| MeasuredSpan {
@@ -305,13 +309,16 @@ impl Describe for FallsThenWalks {
 
 #[test]
 fn who_fell_and_is_measured_to_walk_is_up_if_the_track_goes_as_far() {
-    let run = |speed_mps: f32| {
+    let run = |speed_mps: f32, is_height_assumed: bool| {
         let options = PipelineOptions::default();
         let describer = Box::new(FallsThenWalks);
-        let mut pipeline = Pipeline::new(stream(), &options, describer, Arc::default()).unwrap();
+        let info = StreamInfo {
+            is_height_assumed,
+            ..stream()
+        };
+        let mut pipeline = Pipeline::new(info, &options, describer, Arc::default()).unwrap();
         let mut outputs = Vec::new();
         for n in 0..350u32 {
-            // Lower than somebody is taken to be up by the points.
             let x_m = speed_mps * (n as f32 / 10.0 - 10.0).max(0.0) + 0.02 * (n as f32 * 0.5).sin();
             let low = PointFrame {
                 points: body(x_m.min(4.0), 0.4),
@@ -329,11 +336,15 @@ fn who_fell_and_is_measured_to_walk_is_up_if_the_track_goes_as_far() {
         let kinds: Vec<EventKind> = kinds.filter(|kind| *kind != EventKind::Present).collect();
         (kinds, said.collect::<Vec<_>>())
     };
-    let (kinds, said) = run(0.8);
+    // Nobody states the height of the radar: how low it is means nothing.
+    let (kinds, said) = run(0.8, true);
     assert_eq!(kinds, [EventKind::Suspected, EventKind::Dismissed]);
     assert_eq!(said.last().unwrap().1, "walk");
+    // As low as on the floor, and far: crawls.
+    let (kinds, _) = run(0.8, false);
+    assert_eq!(kinds, [EventKind::Suspected, EventKind::Confirmed]);
     // The place trembles: the person has fallen, and no more is said than that the person is there.
-    let (kinds, said) = run(0.0);
+    let (kinds, said) = run(0.0, true);
     assert_eq!(kinds, [EventKind::Suspected, EventKind::Confirmed]);
     for (caption, label) in said {
         let last = caption.rsplit(", then ").next().unwrap();
