@@ -53,6 +53,8 @@ const POSTURE_NEIGHBOURS: usize = 4;
 const HEIGHT_NEIGHBOURS: usize = 1;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
+/// Seconds before a window whose height is that of the posture that is known at its beginning.
+const SECONDS_BEFORE: usize = 6;
 /// What is left of a state at the beginning of a window belongs to the next one if it is shorter, s.
 const MIN_REST_S: f64 = 1.0;
 
@@ -574,20 +576,13 @@ fn activities_of(
                 let [x_m, y_m] = seconds[span.start].places_m[0];
                 let is_known = site.is_known_at(x_m.hypot(y_m));
                 let sure = (!is_known).then(|| sure_of_posture(site, before));
-                let before_run = kept;
-                let mut postures = postures_of(&run, &mut kept, states_unsure, sure);
-                // What was said of the beginning of the window is known there, where the time before shows something else.
+                // What was said of the beginning of the window is known there.
                 let n_earlier = seconds[span].partition_point(|second| second.start_s < from_s);
-                if (1..run.len()).contains(&n_earlier)
-                    && let Some(known) = at_window
-                    && postures[n_earlier - 1].is_none_or(|(posture, _)| posture != known)
-                {
-                    kept = before_run;
-                    let (earlier, own) = run.split_at(n_earlier);
-                    postures = postures_of(earlier, &mut kept, states_unsure, sure);
-                    kept = at_window;
-                    postures.extend(postures_of(own, &mut kept, states_unsure, sure));
-                }
+                let (earlier, own) = run.split_at(n_earlier);
+                let mut postures = postures_of(earlier, &[], &mut kept, states_unsure, sure);
+                let is_parted = !earlier.is_empty() && !own.is_empty();
+                kept = at_window.filter(|_| is_parted).or(kept);
+                postures.extend(postures_of(own, earlier, &mut kept, states_unsure, sure));
                 activities.extend(postures.into_iter().map(|posture| match posture {
                     Some((posture, probability)) => (Activity::Stays(posture), probability),
                     None => (Activity::StaysSomehow, 1.0),
@@ -613,20 +608,29 @@ fn activities_of(
 ///
 /// The person has one posture until the height changes as much as that of somebody who gets up or sits down: in between,
 /// heights drift. It is the one that is clear soon, or the most probable one over the time, or none. `sure` is the probability
-/// from which on a posture is stated where the site is not known well.
+/// from which on a posture is stated where the site is not known well; `earlier` are the seconds before the first one.
 fn postures_of(
     run: &[Stay],
+    earlier: &[Stay],
     kept: &mut Option<Posture>,
     states_unsure: bool,
     sure: Option<f32>,
 ) -> Vec<Option<(Posture, f32)>> {
     let is_known = sure.is_none();
     let mut postures = Vec::with_capacity(run.len());
-    let mut from = 0;
+    // Without the last two, in which the person may be on the way already.
+    let before = earlier.len().saturating_sub(2);
+    let before = &earlier[before.saturating_sub(SECONDS_BEFORE)..before];
+    let (mut from, mut is_first) = (0, true);
     while from < run.len() {
-        let is_first = from == 0;
         let known = kept.filter(|_| is_first);
-        let to = end_of_posture(run, from, known, is_known);
+        let before = if is_first { before } else { &[] };
+        let to = end_of_posture(run, from, before, known, is_known);
+        if to == from {
+            // It ended with the seconds before.
+            is_first = false;
+            continue;
+        }
         let part = &run[from..to];
         let mean = mean_of(part).best();
         let clear = || {
@@ -637,7 +641,7 @@ fn postures_of(
         let states_mean = states_unsure || !is_first || sure.is_some_and(|sure| mean.1 >= sure);
         let stated = (known.or_else(clear)).or_else(|| states_mean.then_some(mean.0));
         *kept = stated;
-        from = to;
+        (from, is_first) = (to, false);
         let Some(stated) = stated else {
             postures.extend(part.iter().map(|_| None));
             continue;
@@ -657,13 +661,20 @@ fn postures_of(
     postures
 }
 
-/// Where the posture ends that begins with a second, or that was known before it: the height changes by a step to that of
-/// another posture, or the posture is wrong.
-fn end_of_posture(run: &[Stay], from: usize, known: Option<Posture>, is_known: bool) -> usize {
-    let mut heights_m: Vec<f32> = Vec::new();
+/// Where the posture ends that begins with a second, or that was known in the seconds before it: the height changes by a step
+/// to that of another posture, or the posture is wrong.
+fn end_of_posture(
+    run: &[Stay],
+    from: usize,
+    before: &[Stay],
+    known: Option<Posture>,
+    is_known: bool,
+) -> usize {
+    let before = before.iter().filter(|_| known.is_some());
+    let mut heights_m: Vec<f32> = before.map(|stay| stay.height_m).collect();
     for to in from..run.len() {
-        let before = &run[from..to];
-        let now = || known.unwrap_or_else(|| mean_of(before).best().0);
+        let own = &run[from..to];
+        let now = || known.unwrap_or_else(|| mean_of(own).best().0);
         let has_moved = || {
             let mean_m = heights_m.iter().sum::<f32>() / heights_m.len() as f32;
             let is_other = |stay: &Stay| {
@@ -675,7 +686,7 @@ fn end_of_posture(run: &[Stay], from: usize, known: Option<Posture>, is_known: b
             let probability = around(&run[from..], to - from).of_posture(now());
             is_known && probability <= WRONG_POSTURE
         };
-        if to > from && (has_moved() || is_wrong()) {
+        if !heights_m.is_empty() && has_moved() || to > from && is_wrong() {
             return to;
         }
         heights_m.push(run[to].height_m);
