@@ -88,8 +88,8 @@ pub struct Windows {
     room: VecDeque<PointFrame>,
     /// What the radar reported in this time, static points as well; empty if there is no static clutter.
     reported: VecDeque<PointFrame>,
-    /// Whoever is not tracked any more, but has not left: number of the track, and where it ended.
-    lingering: Option<(u32, [f64; 2])>,
+    /// Whoever is not tracked any more, but has not left: number of the track, and what is known of it.
+    lingering: Option<(u32, Track)>,
     /// Whether somebody has been there for long enough for a window.
     is_settled: bool,
     /// Number of the last stride that was described.
@@ -159,15 +159,21 @@ impl Windows {
         }
         self.is_partly_new |= !people.is_empty() || !frame.points.is_empty();
         let is_gone = |id: &u32| people.iter().all(|p| p.person != *id);
-        let ended = self.people.iter().filter(|(id, _)| is_gone(id));
-        let mut ended: Vec<(u32, [f64; 2])> = ended.map(|(id, t)| (*id, t.place_m)).collect();
-        self.people.retain(|id, _| !is_gone(id));
+        let ended = self.people.extract_if(.., |id, _| is_gone(id));
+        let mut ended: Vec<(u32, Track)> = ended.collect();
         let lost = self.lingering.take().filter(|(id, _)| is_gone(id));
-        let renamed = match (lost, people) {
-            (Some((person, _)), [one]) => Some([person, one.person]),
-            _ => None,
-        };
-        ended.extend(lost.filter(|_| renamed.is_none()));
+        let mut renamed = None;
+        match (lost, people) {
+            (Some((person, mut before)), [one]) => {
+                renamed = Some([person, one.person]);
+                if let Some(track) = self.people.get_mut(&one.person) {
+                    // The same person, who has the time before as well.
+                    before.frames.append(&mut track.frames);
+                    track.frames = before.frames;
+                }
+            }
+            (lost, _) => ended.extend(lost),
+        }
         if people.is_empty() && is_occupied {
             // Of several, the newest: the last one in the room.
             ended.sort_by_key(|(id, _)| *id);
@@ -193,6 +199,22 @@ impl Windows {
     /// When a window begins that ends at a time, s.
     fn begins_s(&self, end_s: f64) -> f64 {
         end_s - self.options.window_s + ROUNDING_S
+    }
+
+    /// The window of the only person of the room: all points are this person's. Where the board tracks people, its tracks of
+    /// somebody else who was there before are not.
+    fn window_of_room(&self, person: u32, track: &Track) -> Window {
+        let mut window = self.window(person, track.place_m, &self.room);
+        let mut own = track.frames.iter().peekable();
+        for frame in window.earlier.iter_mut().chain(&mut window.frames) {
+            while own.next_if(|own| own.time_s < frame.time_s).is_some() {}
+            let own = own.peek().filter(|own| own.time_s == frame.time_s);
+            if let Some(board) = &mut frame.board {
+                let tracks = own.and_then(|own| Some(own.board.as_ref()?.tracks.clone()));
+                board.tracks = tracks.unwrap_or_default();
+            }
+        }
+        window
     }
 
     /// The window of a person, of these frames.
@@ -250,11 +272,11 @@ impl Windows {
     /// The windows that end with the last frame, of all who have been there for long enough.
     pub fn take(&mut self) -> Vec<Window> {
         self.is_partly_new = false;
-        let tracked = self.people.iter().map(|(id, track)| (*id, track.place_m));
-        let mut there = tracked.chain(self.lingering);
+        let lingering = self.lingering.as_ref().map(|(id, track)| (id, track));
+        let mut there = self.people.iter().chain(lingering);
         let windows: Vec<Window> = match (there.next(), there.next()) {
-            (Some((person, place_m)), None) if self.is_settled => {
-                vec![self.window(person, place_m, &self.room)]
+            (Some((person, track)), None) if self.is_settled => {
+                vec![self.window_of_room(*person, track)]
             }
             (Some(_), None) => Vec::new(),
             (None, _) => self.untracked().into_iter().collect(),
@@ -305,6 +327,10 @@ fn length_s(frames: &VecDeque<PointFrame>) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use radarllm_base::BoardTrack;
+
     use super::*;
 
     /// A frame with five points.
@@ -411,6 +437,46 @@ mod tests {
         // Gone.
         assert_eq!(windows.push(&frame(63), &[], false).ended, [2]);
         assert!(windows.take().is_empty());
+    }
+
+    /// Somebody who was tracked by the board is lost while somebody else is there.
+    #[test]
+    fn who_is_left_alone_does_not_have_the_track_of_somebody_else() {
+        let track = |id: u32| BoardTrack {
+            id,
+            place_m: [id as f32, 2.0],
+            height_m: None,
+            velocity_mps: [0.0; 3],
+        };
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        // 1 is there until 8 s, 2 comes at 5 s, and goes on as 3 from 12 s on.
+        for n in 0..140 {
+            let there = [(1, 0..80), (2, 50..120), (3, 121..140)];
+            let there = there.into_iter().filter(|(_, times)| times.contains(&n));
+            let ids: Vec<u32> = there.map(|(id, _)| id).collect();
+            let people: Vec<PersonFrame> = (ids.iter())
+                .map(|id| PersonFrame {
+                    board: Some(track(*id)),
+                    ..person(*id, 3)
+                })
+                .collect();
+            let frame = PointFrame {
+                board: Some(BoardReport {
+                    tracks: ids.iter().map(|id| track(*id)).collect(),
+                    is_present: None,
+                }),
+                ..frame(n)
+            };
+            windows.push(&frame, &people, true);
+        }
+        let window = &windows.take()[0];
+        assert_eq!((window.person, window.n_points()), (3, 300));
+        let ids = |frames: &[PointFrame]| -> BTreeSet<u32> {
+            let tracks = frames.iter().flat_map(|f| &f.board).flat_map(|b| &b.tracks);
+            tracks.map(|track| track.id).collect()
+        };
+        assert_eq!(ids(&window.frames), BTreeSet::from([2, 3]));
+        assert_eq!(ids(&window.earlier), BTreeSet::from([2]));
     }
 
     #[test]
