@@ -20,6 +20,8 @@ pub mod what;
 pub mod when;
 mod words;
 
+use std::collections::BTreeMap;
+
 use radarllm_base::civil::DAY_MS;
 use radarllm_monitor::rows::{ActivityRow, EventKind, EventRow};
 use serde::{Deserialize, Serialize};
@@ -178,7 +180,7 @@ fn find(timeline: &Timeline, understood: &Understood, clock: &Clock) -> Result<F
         count: tally.count,
         first_ms: tally.first_ms,
         last_ms: tally.last_ms,
-        times_ms: rows.iter().map(|row| row.activity.start_ms).collect(),
+        times_ms: beginnings(&rows),
         total_ms: tally.total_ms,
         longest_ms: tally.longest_ms,
         synthetic: tally.synthetic,
@@ -229,6 +231,20 @@ fn find(timeline: &Timeline, understood: &Understood, clock: &Clock) -> Result<F
     }
     found.times_ms.sort_unstable();
     Ok(found)
+}
+
+/// When activities began; one that began while the same person was at another one of them is a part of that.
+fn beginnings(rows: &[ActivityRow]) -> Vec<i64> {
+    let mut all: Vec<_> = rows.iter().map(|row| &row.activity).collect();
+    all.sort_by_key(|a| (a.start_ms, a.end_ms));
+    let mut ends: BTreeMap<u32, i64> = BTreeMap::new();
+    all.retain(|activity| {
+        let end_ms = ends.entry(activity.person).or_insert(i64::MIN);
+        let is_apart = activity.start_ms >= *end_ms;
+        *end_ms = (*end_ms).max(activity.end_ms);
+        is_apart
+    });
+    all.into_iter().map(|activity| activity.start_ms).collect()
 }
 
 impl Found {

@@ -3,6 +3,8 @@
 //! What somebody does at present is known from the newest sentence, which says so itself. Whoever asks whether somebody
 //! fell out of bed, or whether somebody was alone, is told that this is not known.
 
+use std::collections::BTreeMap;
+
 use radarllm_monitor::rows::ActivityRow;
 
 use super::known::{Coverage, Kept, Now};
@@ -19,6 +21,15 @@ use crate::store::{ActivityQuery, Timeline};
 const RECENT_MS: i64 = 30_000;
 /// Longest time between two sentences about one stretch of an action, ms.
 const SAME_MS: i64 = 60_000;
+/// Actions of which a person does one at a time.
+const POSTURES: [&str; 6] = [
+    "walk",
+    "pace",
+    "stand_still",
+    "sit_still",
+    "lie_still",
+    "fall",
+];
 /// Rows that are looked at for a stretch of an action.
 const MAX_STRETCH_ROWS: usize = 500;
 
@@ -218,15 +229,26 @@ fn at_present(
         ..ActivityQuery::default()
     };
     let rows = timeline.some_activities(&query, Order::NewestFirst, MAX_ROWS)?;
-    let newest = rows.into_iter().max_by_key(|row| row.activity.end_ms);
+    // What everybody did last: several people may be there.
+    let mut of_people: BTreeMap<u32, ActivityRow> = BTreeMap::new();
+    for row in rows {
+        let key = |row: &ActivityRow| (row.activity.end_ms, row.activity.start_ms);
+        let known = of_people.get(&row.activity.person);
+        if known.is_none_or(|known| key(&row) > key(known)) {
+            of_people.insert(row.activity.person, row);
+        }
+    }
     let is_recent = |row: &ActivityRow| clock.now_ms - row.activity.end_ms <= RECENT_MS;
+    let is_asked = |row: &ActivityRow| actions.contains(&row.activity.action) && is_recent(row);
+    // Whoever does what was asked about, or else whoever was seen last.
+    let newest = (of_people.into_values()).max_by_key(|row| (is_asked(row), row.activity.end_ms));
     let is_current = now.is_watched() && now.is_present && newest.as_ref().is_some_and(is_recent);
     let mut first_ms = None;
     if let (Some(action), Some(row)) = (actions.first(), newest.as_ref().filter(|_| is_current)) {
         let infinitive = verbs::infinitive(action);
         sentences.push(match actions.contains(&row.activity.action) {
             true => {
-                let since_ms = stretch_begin(timeline, actions, clock)?;
+                let since_ms = stretch_begin(timeline, actions, row.activity.person, clock)?;
                 let since_ms = since_ms.unwrap_or(row.activity.start_ms);
                 first_ms = Some(since_ms);
                 format!(
@@ -273,24 +295,36 @@ fn at_present(
     })
 }
 
-/// When the newest stretch of one of some actions began.
+/// When the newest stretch began in which a person did one of some actions, and no other that excludes it.
 fn stretch_begin(
     timeline: &Timeline,
     actions: &[String],
+    person: u32,
     clock: &Clock,
 ) -> Result<Option<i64>, StoreError> {
     let query = ActivityQuery {
         to_ms: Some(clock.now_ms),
-        actions: actions.to_vec(),
+        person: Some(person),
         ..ActivityQuery::default()
     };
     let rows = timeline.some_activities(&query, Order::NewestFirst, MAX_STRETCH_ROWS)?;
     let mut begin_ms = None;
     for row in rows {
         let activity = row.activity;
+        let is_asked = actions.contains(&activity.action);
         match begin_ms {
             Some(begin_ms) if begin_ms - activity.end_ms > SAME_MS => break,
-            _ => begin_ms = Some(activity.start_ms),
+            Some(begin_ms) if !is_asked => {
+                // A change is a moment at the edge of a posture.
+                if POSTURES.contains(&activity.action.as_str()) && activity.end_ms <= begin_ms {
+                    break;
+                }
+            }
+            _ if is_asked => {
+                begin_ms =
+                    Some(begin_ms.map_or(activity.start_ms, |ms: i64| ms.min(activity.start_ms)));
+            }
+            _ => {}
         }
     }
     Ok(begin_ms)

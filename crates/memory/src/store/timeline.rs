@@ -244,8 +244,9 @@ impl Timeline {
             return Ok(Tally::default());
         };
         let sql = format!(
-            // What is done for a part of a time in which the same person does another thing of the query counts once.
-            "SELECT count(*), min(start_ms), max(start_ms), sum(max(0, e - max(b, coalesce(before, b)))),
+            // What is done for a part of a time in which the same person does another thing of the query counts once, as often
+            // and as long.
+            "SELECT count(*) FILTER (WHERE before IS NULL OR b >= before), min(start_ms), max(start_ms), sum(max(0, e - max(b, coalesce(before, b)))),
                     max(max(0, e - b)), max(synthetic) FROM (
                 SELECT start_ms, synthetic, b, e, max(e) OVER (
                     PARTITION BY origin, person ORDER BY b, e ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING

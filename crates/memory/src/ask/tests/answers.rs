@@ -197,7 +197,8 @@ fn long_questions_are_refused_and_long_answers_bounded() {
         "{error}"
     );
     let rows: Vec<Activity> = (0..120)
-        .map(|i| activity(NOW_MS - 1_000 - i, NOW_MS - 500, "walk", "a person walks"))
+        .map(|i| NOW_MS - 50 * (i + 1))
+        .map(|at_ms| activity(at_ms, at_ms + 20, "walk", "a person walks"))
         .collect();
     add(&mut store, &rows);
     let answer = ask(store.timeline(), "when did she walk", CLOCK).unwrap();

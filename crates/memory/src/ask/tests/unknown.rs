@@ -490,6 +490,66 @@ fn what_is_so_at_present_is_told_from_the_newest_sentence() {
 }
 
 #[test]
+fn at_present_everybody_counts_and_other_postures_end_a_stretch() {
+    let (_dir, mut store) = new_store();
+    watch(&mut store, ago(60), NOW_MS);
+    add_events(&mut store, &[(ago(50), EventKind::Present)]);
+    let of = |person, from_ms, to_ms, action: &str, text: &str| Activity {
+        person,
+        ..activity(from_ms, to_ms, action, text)
+    };
+    let walks = |from_ms, to_ms| of(1, from_ms, to_ms, "walk", "a person walks");
+    let second = 1_000;
+    add(
+        &mut store,
+        &[
+            walks(ago(5), ago(4)),
+            of(
+                1,
+                ago(4) - second,
+                ago(4) + second,
+                "sit_down",
+                "a person sits down",
+            ),
+            of(
+                1,
+                ago(4),
+                ago(4) + 20 * second,
+                "sit_still",
+                "a person sits",
+            ),
+            walks(ago(4) + 20 * second, NOW_MS),
+            of(
+                2,
+                ago(2) - second,
+                ago(2) + second,
+                "lie_down",
+                "a person lies down",
+            ),
+            of(2, ago(2), NOW_MS - 4 * second, "lie_still", "a person lies"),
+        ],
+    );
+    for (question, expected) in [
+        (
+            "is she lying?",
+            "Yes: somebody has been seen to lie since 18:36 today (1 min 57 s).",
+        ),
+        // Not since before the person sat.
+        (
+            "is she walking?",
+            "Yes: somebody has been seen to walk since 18:34 today (3 min 40 s).",
+        ),
+        ("is she sitting?", "Nobody is seen to sit at present."),
+        // The change to a posture is a part of it.
+        ("how often did she lie?", "Someone lay once"),
+        ("how often did she sit?", "Someone sat once"),
+    ] {
+        let found = says(&store, question);
+        assert!(found.starts_with(expected), "{question} {found}");
+    }
+}
+
+#[test]
 fn a_time_is_told_in_outline() {
     let (_dir, mut store) = new_store();
     watch(&mut store, ago(60), NOW_MS);
