@@ -77,14 +77,28 @@ pub fn read_site(path: &Path) -> Result<Site> {
             ));
         }
     }
+    let signless = [
+        ("walking_s", file.walking_s),
+        ("tilt_error_deg", file.tilt_error_deg),
+        ("standing_error_m", file.standing_error_m),
+        ("known_at_m", file.known_at_m),
+    ];
+    for (name, value) in signless {
+        if value.is_nan() || value < 0.0 {
+            return Err(Error::in_file(
+                path,
+                format!("{name} = {value}: must not be negative"),
+            ));
+        }
+    }
     Ok(Site {
         radar: file.radar,
         tilt_rad: file.tilt_deg.to_radians(),
         standing_m: file.standing_m,
-        walking_s: file.walking_s.max(0.0),
+        walking_s: file.walking_s,
         error: SiteDeviation {
-            tilt_rad: file.tilt_error_deg.to_radians().abs(),
-            standing_m: file.standing_error_m.abs(),
+            tilt_rad: file.tilt_error_deg.to_radians(),
+            standing_m: file.standing_error_m,
             distance_m: file.known_at_m,
         },
         is_height_assumed: false,
@@ -124,6 +138,20 @@ mod tests {
             std::fs::write(&path, text.replace(line, broken)).unwrap();
             let error = read_site(&path).unwrap_err().to_string();
             assert!(error.contains("site.toml: tilt_deg"), "{error}");
+        }
+        for name in [
+            "walking_s",
+            "tilt_error_deg",
+            "standing_error_m",
+            "known_at_m",
+        ] {
+            let line = text.lines().find(|l| l.starts_with(name)).unwrap();
+            std::fs::write(&path, text.replace(line, &format!("{name} = -1.0"))).unwrap();
+            let error = read_site(&path).unwrap_err().to_string();
+            assert!(
+                error.contains(&format!("site.toml: {name} = -1")),
+                "{error}"
+            );
         }
     }
 }
