@@ -197,11 +197,11 @@ fn remove_points(frame: &mut PointFrame, indices: &[u32]) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Newest {
     /// What somebody does.
-    OfSomebody,
+    Somebody,
     /// That nobody is there.
-    OfNobody,
+    Nobody,
     /// That the radar is silent.
-    OfSilence,
+    Silence,
 }
 
 /// The state of a running radar.
@@ -267,7 +267,7 @@ impl Pipeline {
             describe,
             counters,
             source: SourceState::Ok,
-            newest: Newest::OfSomebody,
+            newest: Newest::Somebody,
             is_untracked_present: false,
             is_occupied: false,
             n_people: 0,
@@ -357,7 +357,7 @@ impl Pipeline {
             self.describe_people(may_describe, &mut out);
         }
         if let Some(somebody) = seen.people.first() {
-            if std::mem::replace(&mut self.newest, Newest::OfSomebody) != Newest::OfSomebody {
+            if std::mem::replace(&mut self.newest, Newest::Somebody) != Newest::Somebody {
                 let reason = Some("no window has ended yet".into());
                 let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
                 out.push(self.message(Body::Now(now)));
@@ -365,7 +365,7 @@ impl Pipeline {
         } else if !self.windows.is_lingering()
             && !self.is_untracked_present
             && self.watch.open_falls().is_empty()
-            && std::mem::replace(&mut self.newest, Newest::OfNobody) != Newest::OfNobody
+            && std::mem::replace(&mut self.newest, Newest::Nobody) != Newest::Nobody
         {
             let now = self.now(None, None, None, Label::Nobody.name());
             out.push(self.message(Body::Now(now)));
@@ -384,7 +384,7 @@ impl Pipeline {
         let mut out = self.end_windows(&self.clock.clone());
         let update = self.watch.reset_presence();
         self.presence_changed(&update, &mut out);
-        if std::mem::replace(&mut self.newest, Newest::OfSilence) != Newest::OfSilence {
+        if std::mem::replace(&mut self.newest, Newest::Silence) != Newest::Silence {
             // The newest sentence is old from now on.
             let now = self.now(None, None, Some(reason.into()), Label::Unseen.name());
             out.push(self.message(Body::Now(now)));
@@ -549,7 +549,7 @@ impl Pipeline {
                 return;
             }
             self.is_untracked_present = true;
-            self.newest = Newest::OfSomebody;
+            self.newest = Newest::Somebody;
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);
         }
