@@ -314,11 +314,13 @@ fn stretch_begin(
         let is_asked = actions.contains(&activity.action);
         match begin_ms {
             Some(begin_ms) if begin_ms - activity.end_ms > SAME_MS => break,
-            Some(begin_ms) if !is_asked => {
-                // A change is a moment at the edge of a posture.
-                if POSTURES.contains(&activity.action.as_str()) && activity.end_ms <= begin_ms {
-                    break;
-                }
+            // A change is a moment at the edge of a posture.
+            Some(begin_ms)
+                if !is_asked
+                    && POSTURES.contains(&activity.action.as_str())
+                    && activity.end_ms <= begin_ms =>
+            {
+                break;
             }
             _ if is_asked => {
                 begin_ms =

@@ -67,7 +67,7 @@ fn as_text<S: serde::Serializer>(cursor: &Option<Cursor>, s: S) -> Result<S::Ok,
 /// Sums over the activities of a query. Times are cut at the ends of the query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
 pub struct Tally {
-    /// Number of activities.
+    /// Number of activities; those of one person that overlap count once.
     pub count: u64,
     /// Beginning of the first one, milliseconds since 1970 in UTC.
     pub first_ms: Option<i64>,
