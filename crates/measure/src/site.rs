@@ -466,8 +466,8 @@ mod tests {
         assert!(many[1] < 1.0, "{many:?}");
     }
 
-    /// The true tilt and standing height are within two standard deviations of what is learned in 19 of 20 rooms, whatever
-    /// differs from one walk to the next, and not much nearer either.
+    /// The true slope is within two standard deviations of the measured one in four of five rooms or more, whatever differs from
+    /// one walk to the next, and not much nearer either.
     #[test]
     fn the_stated_error_is_that_which_is_made() {
         let mut z = Vec::new();

@@ -547,14 +547,14 @@ fn activities_of(
     let seen: Vec<Seen> = (0..seconds.len())
         .map(|at| seen(seconds, at, falls, before))
         .collect();
-    let mut kept = match before {
-        Before::Nothing => None,
-        Before::Part(known) => (known.iter().find(|known| known.0 == person.track)).map(|k| k.1),
-        Before::Window { posture, .. } => posture.filter(|_| from_s == f64::NEG_INFINITY),
-    };
     let at_window = match before {
         Before::Window { posture, .. } => posture,
         Before::Nothing | Before::Part(_) => None,
+    };
+    let mut kept = match before {
+        Before::Nothing => None,
+        Before::Part(known) => (known.iter().find(|known| known.0 == person.track)).map(|k| k.1),
+        Before::Window { .. } => at_window.filter(|_| from_s == f64::NEG_INFINITY),
     };
     // Runs of seconds in which the person stays, walks or falls.
     let mut at = 0;

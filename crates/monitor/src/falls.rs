@@ -19,7 +19,7 @@
 //! | confirmed | recovered | the person is up, or left through a door |
 //!
 //! Somebody is **up** whose height was above 0.9 m for 1 s, or who walked: 1.5 m within 3 s, mostly above 0.6 m; also who is
-//! measured to stand, or to walk at any height and so far.
+//! measured to stand, or to walk so far, unless the height shows that the person crawls.
 //!
 //! Whoever is unseen counts as down, because a person who lies has 0 to 6 points a frame. For the same reason many who
 //! fall are not seen any more before they are seen below `fall_height_m`, most of all by a radar that is high up. A person

@@ -214,7 +214,7 @@ impl State {
         self.n_points = self.n_points.saturating_add(n_points);
     }
 
-    /// The row until a time, if it has not been reported so yet.
+    /// The row until a time; `None` without an action.
     fn report(
         &mut self,
         person: u32,
@@ -249,7 +249,6 @@ impl State {
             return None;
         }
         let ([_, from], [to, _]) = (self.captions.ends()?, next.captions.ends()?);
-        let then = to.text.strip_prefix("a person ").unwrap_or(&to.text);
         Some(Row {
             row: next_row(),
             person,
@@ -257,7 +256,7 @@ impl State {
             start_s: (self.end_s - CHANGE_S).max(self.start_s),
             end_s: (next.start_s + CHANGE_S).min(next.end_s),
             caption: WindowCaption {
-                text: format!("{}, then {then}", from.text),
+                text: sentence([from, to]),
                 confidence: from.confidence.zip(to.confidence).map(|(a, b)| a.min(b)),
                 place_m: to.place_m,
             },
@@ -306,11 +305,10 @@ pub(crate) fn doubt_after_fall(spans: &mut [MeasuredSpan]) -> bool {
     is_changed
 }
 
-/// The sentence of states, in order of time.
-pub(crate) fn sentence(spans: &[MeasuredSpan]) -> String {
+/// The sentence of states with these sentences, in order of time.
+pub(crate) fn sentence<'a>(captions: impl IntoIterator<Item = &'a WindowCaption>) -> String {
     let mut text = String::new();
-    for span in spans {
-        let own = &span.caption.text;
+    for WindowCaption { text: own, .. } in captions {
         match text.is_empty() {
             true => text.push_str(own),
             false if text.ends_with(own) => {}
@@ -537,7 +535,11 @@ mod tests {
         let said = |mut spans: Vec<MeasuredSpan>| {
             let is_changed = doubt_after_fall(&mut spans);
             let actions = spans.iter().filter_map(|s| s.action.clone());
-            (is_changed, actions.collect::<Vec<_>>(), sentence(&spans))
+            (
+                is_changed,
+                actions.collect::<Vec<_>>(),
+                sentence(spans.iter().map(|s| &s.caption)),
+            )
         };
         let sits = span("sit_still", 2.0, 6.0);
         let (is_changed, actions, text) = said(vec![span("fall", 0.0, 2.0), sits.clone()]);

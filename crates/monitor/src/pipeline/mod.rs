@@ -577,7 +577,7 @@ impl Pipeline {
                     && measured::doubt_after_fall(&mut spans)
                     && let Some(caption) = &mut caption
                 {
-                    caption.text = measured::sentence(&spans);
+                    caption.text = measured::sentence(spans.iter().map(|span| &span.caption));
                     actions = spans
                         .iter()
                         .filter_map(|span| span.action.clone())
